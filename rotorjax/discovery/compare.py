@@ -1,0 +1,138 @@
+"""A model held against a measurement: how far off it is, in micrometres and in standard errors, and where."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from rotorjax._core import MICROMETRE
+from rotorjax.measurement import Measurement
+from rotorjax.model import AbstractRotor, Model
+from rotorjax.response import response
+
+
+class Cell(NamedTuple):
+    """One vector: how far the model is from it."""
+
+    run: str
+    speed_rpm: float
+    probe: str
+    order: float
+    measured: complex
+    """[m], likewise ``predicted``."""
+    predicted: complex
+    residual_um: float
+    standardised: float | None
+    """|residual| in standard errors of one component; sqrt(2) is the rms of pure noise."""
+
+    @property
+    def amplitude_ratio(self) -> float | None:
+        """|predicted| / |measured|."""
+        return abs(self.predicted) / abs(self.measured) if self.measured else None
+
+    @property
+    def phase_error_deg(self) -> float | None:
+        """Phase of predicted over measured, between -180 and 180."""
+        return float(np.degrees(np.angle(self.predicted / self.measured))) if self.measured and self.predicted else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Residuals of a model against a measurement."""
+
+    measurement: Measurement
+    measured: Complex[np.ndarray, "case probe order"]
+    """The measured vectors, half orders at the sign nearer to the model [m]."""
+    predicted: Complex[np.ndarray, "case probe order"]
+    residual: Complex[np.ndarray, "case probe order"]
+    """Measured minus predicted [m], zero where nothing was measured."""
+    standardised: Float[np.ndarray, "case probe order"] | None
+    """|residual| in standard errors of one component; none where the noise is unknown."""
+
+    @property
+    def present(self) -> Bool[np.ndarray, "case probe order"]:
+        return self.measurement.present
+
+    @property
+    def rms(self) -> float:
+        """sqrt(mean |residual|²) over the cells [m]."""
+        return float(np.sqrt(np.mean(np.abs(self.residual[self.present]) ** 2)))
+
+    @property
+    def reduced_chi2(self) -> float | None:
+        """Squared residual per real number measured, in squared standard errors; one for a model that holds."""
+        if self.standardised is None:
+            return None
+        numbers = np.count_nonzero(self.measurement.weights(0.0))
+        return float(np.sum(self.standardised[self.present] ** 2) / numbers)
+
+    def where(self) -> list[Cell]:
+        """Every cell, worst first: by standard errors, or by micrometres where the noise is unknown."""
+        size = np.abs(self.residual) if self.standardised is None else self.standardised
+        cells = np.argwhere(self.present)
+        order = np.argsort(-size[self.present], kind="stable")
+        return [self._cell(*(int(i) for i in cells[k])) for k in order]
+
+    def share(self) -> dict[str, dict[str, float]]:
+        """Share of the squared misfit by run, speed cluster, probe and order; each adds up to one.
+
+        Squares count in standard errors, in micrometres where the noise is unknown.
+        """
+        size = np.abs(self.residual) if self.standardised is None else self.standardised
+        squares = np.where(self.present, size**2, 0.0)
+        total = float(squares.sum())
+        squares = squares / total if total > 0.0 else np.where(self.present, 1.0, 0.0) / self.present.sum()
+        by_case, m = squares.sum(axis=(1, 2)), self.measurement
+        cluster, speeds = m.speed_cluster()
+        return {
+            "run": {run: float(by_case[m.run == k].sum()) for k, run in enumerate(m.runs)},
+            "speed": {f"{speed:.0f}": float(by_case[cluster == k].sum()) for k, speed in enumerate(speeds)},
+            "probe": {probe: float(squares[:, k].sum()) for k, probe in enumerate(m.probes)},
+            "order": {f"{order:g}": float(squares[:, :, k].sum()) for k, order in enumerate(m.orders)},
+        }
+
+    def _cell(self, case: int, probe: int, order: int) -> Cell:
+        m = self.measurement
+        return Cell(
+            m.runs[m.run[case]],
+            float(m.speed_rpm[case]),
+            m.probes[probe],
+            m.orders[order],
+            complex(self.measured[case, probe, order]),
+            complex(self.predicted[case, probe, order]),
+            float(abs(self.residual[case, probe, order]) / MICROMETRE),
+            None if self.standardised is None else float(self.standardised[case, probe, order]),
+        )
+
+
+def compare(model: Model | AbstractRotor, measurement: Measurement) -> Comparison:
+    """Hold a model, as it is, against a measurement.
+
+    Residual z - z_model per run, speed, probe and order. **Arguments:** ``model``, or a rotor alone;
+    ``measurement``. Nothing is fitted: that is `fit`. **Returns** a `Comparison`.
+    **Errors.** ``ValueError`` if the probes differ.
+    """
+    full = model if isinstance(model, Model) else Model(model)
+    if full.layout.probes != measurement.probes:
+        raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
+    predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
+    return compare_vectors(predicted, measurement)
+
+
+def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement) -> Comparison:
+    """The same for a prediction that is at hand [m]."""
+    measured = measurement.vectors * _half_order_sign(predicted, measurement)
+    residual = np.where(measurement.present, measured - predicted, 0.0)
+    real_axis = np.array(measurement.orders) == 0.0
+    residual[:, :, real_axis] = residual[:, :, real_axis].real
+    known = measurement.sigma is not None or measurement.knowledge.tolerance > 0.0
+    standardised = np.abs(residual) * measurement.weights(0.0)[..., 0] if known else None
+    return Comparison(measurement, measured, predicted, residual, standardised)
+
+
+def _half_order_sign(predicted: np.ndarray, measurement: Measurement) -> Float[np.ndarray, "case 1 order"]:
+    """A once-per-turn reference leaves the sign of half orders open: the one nearer to the model, one per case."""
+    along = np.sum((measurement.vectors * np.conj(predicted)).real * measurement.present, axis=1, keepdims=True)
+    half = np.array(measurement.orders) % 1.0 != 0.0
+    return np.where(half & (along < 0.0), -1.0, 1.0)

@@ -1,0 +1,295 @@
+"""Fit the free parameters of a model's effects to a measurement: Levenberg-Marquardt from the declared starts."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from rotorjax._core import CONVERGED, RESULT_TEXT, Descent, require_float64
+from rotorjax.discovery.descent import Data, Local, declared_starts, descend, make_data, make_folds
+from rotorjax.discovery.noise import RunScatter, infer_run_scatter
+from rotorjax.discovery.space import Entry, Space, make_space
+from rotorjax.effects import CATALOG
+from rotorjax.measurement import Measurement
+from rotorjax.model import Effect, Model
+from rotorjax.response import response
+
+FEW_RUNS = 4
+"""Below this number of runs the scatter between them cannot be judged."""
+UNDETERMINED = 0.8
+"""Posterior over prior standard deviation above which the data are said not to determine a parameter."""
+MISFIT_ROUNDS = 12
+"""Most alternations between a fit and the allowance for its misfit."""
+MISFIT_CHANGE = 0.02
+"""Relative change of the allowance below which it stands."""
+LARGEST_HEALTHY_CHI2 = 1.5
+"""Reduced chi-square up to which the noise of the table is taken to account for what is left."""
+NOISE_FLOOR = 1e-6
+"""Least inferred standard error, relative to the measured rms: below it, rounding of the table decides."""
+LEAST_NOISE = 1e-12
+"""Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
+PULLED = 3.0
+"""A declared uncertain value that moves by more than this many of its standard deviations is a finding."""
+
+
+class Estimate(NamedTuple):
+    """A fitted parameter, in SI."""
+
+    entry: Entry
+    value: float
+    standard_error: float
+    determined: bool
+    """False where the data leave the prior almost as wide as it was: the interval is the prior's."""
+    pull: float
+    """Distance from the null in prior standard deviations."""
+
+    @property
+    def finding(self) -> bool:
+        """A declared uncertain value that had to move too far."""
+        return self.entry.declared_uncertain and abs(self.pull) > PULLED
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """A fitted model, its parameters with standard errors, and how well it holds on data that it did not see."""
+
+    model: Model
+    """The fitted model: hand it to `compare`, `response`, or write it to a rig file."""
+    estimates: tuple[Estimate, ...]
+    predicted: Complex[np.ndarray, "case probe order"]
+    """Its prediction of the measured vectors [m]."""
+    result: str
+    converged: bool
+    steps: int
+    reduced_chi2: float | None
+    """Squared residual in standard errors per degree of freedom; none where the noise had to be inferred."""
+    held_out_rms: float | None
+    """Root mean square |residual| of every fold, predicted without it [m]."""
+    held_out_reason: str
+    run_scatter: RunScatter
+    """Random unbalance per run that would account for what is left."""
+    misfit: float
+    """Standard error that had to be added to the table's, per component, to account for what is left [m]."""
+    free: tuple[str, ...]
+    """Names of the effects that were fitted."""
+    covariance: Float[np.ndarray, "param param"]
+    """Posterior covariance of the unknowns."""
+    stage: "Stage"
+    descent: Descent
+
+    def estimate(self, effect: str, label: str) -> Estimate:
+        """The estimate of one entry."""
+        return next(e for e in self.estimates if (e.entry.effect, e.entry.label) == (effect, label))
+
+
+class Stage(NamedTuple):
+    """What is fitted to what."""
+
+    space: Space
+    measurement: Measurement
+    names: tuple[str, ...]
+    free: Bool[np.ndarray, "param"]
+    keep: frozenset[str]
+
+
+def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None = None, held_out: bool = True) -> Fit:
+    """Fit the parameters of a model's effects, with whatever the user declared uncertain.
+
+    Minimises Σ |(z - z_model)/σ|² + Σ u², u the parameters in units of their prior scale (maximum a posteriori), by
+    Levenberg-Marquardt from every declared start; the best descent wins. Standard errors are the larger of the
+    posterior's and of the cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter
+    between runs widens them. σ² is that of the table plus what the misfit demands: see `Fit.misfit`.
+
+    **Arguments:** ``model``; ``measurement``; ``free``: names of the effects to fit, by default all that the model
+    has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
+    **Returns** a `Fit`, whose ``converged`` and ``result`` say how it ended.
+    **Errors.** ``ValueError`` in single precision, or for a name that the model lacks.
+    """
+    names = tuple(e.name for e in model.effects) if free is None else free
+    if missing := [name for name in names if name not in model]:
+        raise ValueError(f"the model has no {missing[0]!r} to fit; add it first: model + effect")
+    return _fit(_stage(model, model, measurement, names, frozenset()), held_out=held_out)
+
+
+def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()) -> list[Fit]:
+    """Fit a model as effects are added one after the other: the error step by step, compiled once.
+
+    **Arguments:** ``model`` to begin with, its own effects keeping their values; ``additions``: effects in the order
+    of adding; ``fixed``: entries of theirs ("probe_angle.angle_rad.X") that keep the value with which they come.
+    **Returns** one `Fit` per step, the first without any addition. Errors as for `fit`.
+    """
+    everything = sum(additions, model)
+    fits = []
+    for count in range(len(additions) + 1):
+        names = tuple(dict.fromkeys(effect.name for effect in additions[:count]))
+        stage = _stage(sum(additions[:count], model), everything, measurement, names, fixed)
+        fits.append(_fit(stage, held_out=True))
+    return fits
+
+
+def _stage(model: Model, everything: Model, measurement: Measurement, names: tuple[str, ...], fixed: frozenset[str]) -> Stage:
+    """The model in the company, at their null, of all that may be freed: later effects, uncertain values, relatives."""
+    require_float64("fit")
+    uncertain = {u.effect for u in measurement.knowledge.uncertain}
+    company = uncertain | {e.name for e in everything.effects}
+    for effect in everything.effects:
+        company |= set(type(effect).relatives)
+    classes = CATALOG | {e.name: type(e) for e in everything.effects}
+    full = model.with_orders(measurement.orders)
+    for name in sorted(company):
+        if name not in full:
+            full = full + classes[name]()
+    space = make_space(full, measurement.knowledge)
+    keep = frozenset({e.name for e in model.effects} | uncertain)
+    return Stage(space, measurement, names, space.free(list(names), fixed), keep)
+
+
+def _fit(stage: Stage, *, held_out: bool) -> Fit:
+    """Fits under a shrinking allowance for misfit, until it equals the misfit found.
+
+    Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly
+    determined parameters anywhere. The allowance, one isotropic standard error added to the table's, starts at the
+    size of the measured vectors and falls to what the fit leaves; it vanishes where the model holds.
+    """
+    measurement, free = stage.measurement, stage.free
+    every = np.ones(len(measurement.run), bool)
+    starts = declared_starts(stage.space, free)
+    allowance = max(measurement.rms, LEAST_NOISE)
+    for _ in range(MISFIT_ROUNDS):
+        data = make_data(measurement, stage.space.model, allowance)
+        ends = descend(stage.space, data, starts, free, np.tile(every, (len(starts), 1)))
+        best = best_of(ends)
+        starts = np.where(np.isfinite(ends.quadratic.cost)[:, None], ends.point, starts)
+        found = _misfit(residual_vectors(best.quadratic.extra.error, data), measurement, free)
+        if abs(found - allowance) <= MISFIT_CHANGE * allowance:
+            break
+        allowance = found
+    folds, reason = make_folds(measurement) if held_out else (np.ones((0, len(every)), bool), "not asked for")
+    again = descend(stage.space, data, np.tile(best.point, (len(folds), 1)), free, ~folds) if len(folds) else None
+    return _summary(stage, data, best, allowance, _held_out(data, again, folds), reason)
+
+
+def best_of(descents: Descent) -> Descent:
+    """The descent that ended lowest."""
+    cost = np.where(np.isfinite(descents.quadratic.cost), descents.quadratic.cost, np.inf)
+    winner = int(np.argmin(cost))
+    return jax.tree.map(lambda a: a[winner], descents)
+
+
+def _misfit(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> float:
+    """What is left per component and degree of freedom beyond the known noise [m]; zero if the noise accounts for it."""
+    weight = measurement.weights(0.0) if measurement.sigma is not None else None
+    counted = np.repeat(measurement.present[..., None], 2, axis=-1)
+    freedom = max(1, int(counted.sum()) - int(free.sum()))
+    pairs = np.stack([left.real, left.imag], axis=-1)[counted]
+    total = float(np.sum(pairs**2)) / freedom
+    if weight is None:
+        return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
+    chi2 = float(np.sum((pairs * weight[counted]) ** 2)) / freedom
+    return math.sqrt(total * (1.0 - 1.0 / chi2)) if chi2 > LARGEST_HEALTHY_CHI2 else 0.0
+
+
+def _summary(stage: Stage, data: Data, best: Descent, allowance: float, held_out: float | None, reason: str) -> Fit:
+    space, measurement, free = stage.space, stage.measurement, stage.free
+    local: Local = best.quadratic.extra
+    by_run = whitened_by_run(local, data)
+    covariance = _covariance(best.quadratic.hessian, by_run, free)
+    fitted = space.at(jnp.asarray(best.point))
+    left = residual_vectors(local.error, data)
+    return Fit(
+        model=_kept(fitted, stage),
+        estimates=_estimates(space, best, covariance, free),
+        predicted=np.asarray(response(fitted, measurement.conditions)),
+        result=RESULT_TEXT[int(best.result)],
+        converged=int(best.result) == CONVERGED,
+        steps=int(best.steps),
+        reduced_chi2=_reduced_chi2(left, measurement, free),
+        held_out_rms=held_out,
+        held_out_reason=reason,
+        run_scatter=infer_run_scatter(measurement, fitted, -left),
+        misfit=allowance,
+        free=stage.names,
+        covariance=covariance,
+        stage=stage,
+        descent=best,
+    )
+
+
+def _reduced_chi2(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> float | None:
+    """Squared residual in the table's standard errors per degree of freedom."""
+    if measurement.sigma is None:
+        return None
+    weight = measurement.weights(0.0)
+    freedom = int(np.count_nonzero(weight)) - int(free.sum())
+    return float(np.sum((np.stack([left.real, left.imag], axis=-1) * weight) ** 2)) / freedom if freedom > 0 else None
+
+
+def whitened_by_run(local: Local, data: Data) -> list[Local]:
+    """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is undone."""
+    random = np.asarray(data.scatter).reshape(*local.error.shape, -1)
+    runs = []
+    for run in range(data.run_count):
+        cases = np.asarray(data.run) == run
+        error, slopes, common = local.error[cases].ravel(), local.slopes[cases].reshape(-1, local.slopes.shape[-1]), random[cases]
+        if common.shape[-1]:
+            block = common.reshape(len(error), -1)
+            factor = np.linalg.cholesky(np.eye(len(error)) + block @ block.T)
+            error, slopes = np.linalg.solve(factor, error), np.linalg.solve(factor, slopes)
+        runs.append(Local(error, slopes))
+    return runs
+
+
+def _covariance(hessian: np.ndarray, by_run: list[Local], free: np.ndarray) -> np.ndarray:
+    """Posterior covariance, its standard errors raised to the cluster-robust ones where there are runs enough."""
+    posterior = np.linalg.inv(hessian)
+    if len(by_run) < FEW_RUNS:
+        return posterior
+    scores = np.stack([slope.T @ error for error, slope in by_run]) * free
+    small_sample = len(by_run) / (len(by_run) - 1.0)
+    robust = posterior @ (small_sample * scores.T @ scores + np.eye(len(hessian))) @ posterior
+    growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
+    return posterior * growth[:, None] * growth[None, :]
+
+
+def _estimates(space: Space, best: Descent, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
+    values = space.values(best.point)
+    posterior = np.sqrt(np.diag(np.linalg.inv(best.quadratic.hessian)))
+    estimates = []
+    for entry, value in zip(space.entries, values, strict=True):
+        if not free[entry.unknown]:
+            continue
+        slope = entry.scale * (1.0 + value if entry.logarithmic else 1.0)
+        deviation = min(1.0, float(np.sqrt(covariance[entry.unknown, entry.unknown])))
+        determined = bool(posterior[entry.unknown] < UNDETERMINED)
+        estimates.append(Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown])))
+    return tuple(estimates)
+
+
+def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Complex[np.ndarray, "case probe order"]:
+    """Model minus measured [m] from the residual in standard errors, zero where nothing was measured."""
+    weight = np.asarray(data.weight)
+    pairs = np.divide(error.reshape(weight.shape), weight, out=np.zeros(weight.shape), where=weight > 0.0)
+    return pairs[..., 0] + 1j * pairs[..., 1]
+
+
+def _held_out(data: Data, again: Descent | None, folds: np.ndarray) -> float | None:
+    """Root mean square |residual| of the cells of every fold under the fit to the other folds [m]."""
+    if again is None:
+        return None
+    squares, cells = 0.0, 0
+    for fold, error in zip(folds, again.quadratic.extra.error, strict=True):
+        squares += float(np.sum(np.abs(residual_vectors(error, data)[fold]) ** 2))
+        cells += int(np.count_nonzero(np.asarray(data.weight)[fold, :, :, 0]))
+    return math.sqrt(squares / cells) if cells else None
+
+
+def _kept(fitted: Model, stage: Stage) -> Model:
+    """The fitted model without effects that were at hand for comparison only."""
+    for effect in fitted.effects:
+        if effect.name not in stage.keep:
+            fitted = fitted.without(effect.name)
+    return fitted

@@ -1,0 +1,69 @@
+"""Would another effect have done as well? One-for-one swaps of the fitted effects with their known relatives."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rotorjax.discovery.descent import Data, declared_starts, descend, make_data
+from rotorjax.discovery.fit import Fit, best_of, residual_vectors
+
+TIE = 3.0
+"""Difference in log posterior below which two explanations are not told apart by the data."""
+
+
+class Rival(NamedTuple):
+    """A fit with one effect swapped for another, or left out."""
+
+    effect: str
+    instead: str | None
+    """None: the effect was left out and nothing put in its place."""
+    rms: float
+    """Root mean square |residual| then [m]."""
+    loss: float
+    """Log posterior lost by the swap; negative if the rival fits better."""
+
+    @property
+    def tied(self) -> bool:
+        return self.loss < TIE
+
+
+def rivals(fitted: Fit) -> list[Rival]:
+    """Swap every fitted effect for each of its known relatives, and leave each out, and fit again.
+
+    The noise stays what the fit found, all other parameters are fitted along, from the optimum and from the declared
+    starts; nothing is compiled anew. **Returns** the rivals, for every effect the nearest first.
+    """
+    space, measurement = fitted.stage.space, fitted.stage.measurement
+    data = make_data(measurement, space.model, fitted.misfit)
+    present = {e.name: type(e) for e in space.model.effects}
+    found = []
+    for name in fitted.free:
+        others = [n for n in fitted.free if n != name]
+        candidates = [r for r in present[name].relatives if r in present and r not in fitted.stage.keep]
+        swaps = [_swapped(fitted, data, name, others, rival) for rival in [None, *candidates]]
+        found += sorted(swaps, key=lambda rival: rival.loss)
+    return found
+
+
+def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str | None) -> Rival:
+    space = fitted.stage.space
+    free = space.free([*others, instead] if instead else others) & ~_only_of(fitted, name)
+    from_here = fitted.descent.point.copy()
+    from_here[_only_of(fitted, name)] = 0.0
+    starts = declared_starts(space, free)
+    starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
+    null = np.where(_only_of(fitted, name), 0.0, space.given_unknowns())
+    training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)
+    best = best_of(descend(space, data, np.where(free, starts, null), free, training, kept=null))
+    left = residual_vectors(best.quadratic.extra.error, data)[fitted.stage.measurement.present]
+    rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
+    return Rival(name, instead, rms, float(best.quadratic.cost - fitted.descent.quadratic.cost))
+
+
+def _only_of(fitted: Fit, name: str) -> np.ndarray:
+    """Mask of the unknowns of an effect that the user did not declare uncertain."""
+    mask = np.zeros(len(fitted.stage.space.entries), bool)
+    for entry in fitted.stage.space.entries:
+        if entry.effect == name and not entry.declared_uncertain:
+            mask[entry.unknown] = True
+    return mask

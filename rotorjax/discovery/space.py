@@ -1,0 +1,107 @@
+"""The parameter vector of a fit: every entry of every effect in the model, in units of its prior scale."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import equinox as eqx
+
+import jax.numpy as jnp
+import numpy as np
+import jax
+from jax import Array
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float, Int
+
+from rotorjax._core import Unit, unit_of
+from rotorjax.measurement import Knowledge
+from rotorjax.model import Model
+
+
+class Entry(NamedTuple):
+    """One number of one effect: prior standard deviation in SI, or of ln(1 + value) if logarithmic."""
+
+    effect: str
+    label: str
+    scale: float
+    logarithmic: bool
+    declared_uncertain: bool
+    unknown: int
+    """Index of the unknown that moves it; entries that the user tied share one."""
+
+    @property
+    def key(self) -> str:
+        return f"{self.effect}.{self.label}"
+
+    @property
+    def unit(self) -> Unit:
+        return unit_of(self.label.split(".", 1)[0])
+
+
+class Space(eqx.Module):
+    """Maps a vector of unknowns, each of prior variance one, to a model.
+
+    Value of entry i: scale_i u_j, or exp(scale_i u_j) - 1 if logarithmic, where j is its unknown. The null of every
+    effect is u = 0.
+    """
+
+    model: Model
+    scale: Float[Array, "param"]
+    logarithmic: Bool[Array, "param"]
+    unknown: Int[Array, "param"]
+    entries: tuple[Entry, ...] = eqx.field(static=True)
+
+    def at(self, unknowns: Float[Array, "param"]) -> Model:
+        """The model at these unknowns."""
+        moved = self.scale * unknowns[self.unknown]
+        values = jnp.where(self.logarithmic, jnp.expm1(moved), moved)
+        _, unravel = ravel_pytree(self.model.effects)
+        return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
+
+    def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
+        """Value of every entry [SI]."""
+        moved = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)]
+        return np.where(self.logarithmic, np.expm1(moved), moved)
+
+    def given_unknowns(self) -> Float[np.ndarray, "param"]:
+        """Unknowns at which the entries have the values that the model came with."""
+        given = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(self.model.effects)] or [np.zeros(0)])
+        moved = np.where(self.logarithmic, np.log1p(np.where(self.logarithmic, given, 0.0)), given) / np.asarray(self.scale)
+        unknowns = np.zeros(len(given))
+        unknowns[np.asarray(self.unknown)] = moved
+        return unknowns
+
+    def free(self, effects: list[str], fixed: frozenset[str] = frozenset()) -> np.ndarray:
+        """Mask of the unknowns of these effects and of all that the user declared uncertain, less fixed keys."""
+        mask = np.zeros(len(self.entries), dtype=bool)
+        for entry in self.entries:
+            if (entry.effect in effects or entry.declared_uncertain) and entry.key not in fixed:
+                mask[entry.unknown] = True
+        return mask
+
+
+def make_space(model: Model, knowledge: Knowledge) -> Space:
+    """The parameter space of a model: all entries of its effects, those of uncertain rig values among them.
+
+    **Arguments:** ``model`` with every effect whose parameters may be freed; ``knowledge``: what the user declared
+    uncertain (its effects must be in the model) and prior scales to use instead of the effects' own.
+    """
+    quantities = model.rotor.quantities()
+    uncertain = {f"{u.effect}.{u.label}": u for u in knowledge.uncertain}
+    groups: dict[str, int] = {}
+    entries: list[Entry] = []
+    for effect in model.effects:
+        priors: Mapping[str, float] = knowledge.priors.get(effect.name, {})
+        for declared in effect.parameters():
+            own = priors.get(declared.name, declared.scale * quantities[declared.of])
+            for label in declared.labels(model.layout):
+                known = uncertain.get(f"{effect.name}.{label}")
+                unknown = len(entries) if known is None else groups.setdefault(known.group, len(entries))
+                scale, logarithmic = (own, False) if known is None else (known.deviation, known.logarithmic)
+                entries.append(Entry(effect.name, label, scale, logarithmic, known is not None, unknown))
+    return Space(
+        model,
+        jnp.asarray(np.array([e.scale for e in entries], dtype=float)),
+        jnp.asarray(np.array([e.logarithmic for e in entries], dtype=bool)),
+        jnp.asarray(np.array([e.unknown for e in entries], dtype=int)),
+        tuple(entries),
+    )

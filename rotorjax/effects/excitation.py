@@ -1,0 +1,93 @@
+"""What drives the rotor besides what was installed on purpose."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from rotorjax.model import Excitation, ExcitationEffect, Family, OperatingPoint, parameter
+
+
+class ResidualUnbalance(ExcitationEffect):
+    """F_1 += Ω² (U_x + iU_y) f: the same in every run."""
+
+    name: ClassVar[str] = "residual_unbalance"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "unbalance left in the rotor before any weight was installed"
+    source: ClassVar[str] = "ISO 21940-11:2016, clause 4; Jeffcott, Phil. Mag. 37 (1919) 304-314"
+    relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
+    unbalance_x_kg_m: Array = parameter("component along x", scale=1.0, of="unbalance")
+    unbalance_y_kg_m: Array = parameter("component 90° on in the sense of rotation", scale=1.0, of="unbalance")
+
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        pair = jnp.stack([self.unbalance_x_kg_m, self.unbalance_y_kg_m])
+        return Excitation(force=point.at_order(1.0) * point.speed**2 * point.forward(pair))
+
+
+class ResidualBow(ExcitationEffect):
+    """s += S_x + iS_y, an offset of the support path: F_1 = K_p s f."""
+
+    name: ClassVar[str] = "residual_bow"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "shaft bent for good: reads the bow itself at slow roll"
+    source: ClassVar[str] = "Nicholas, Gunter, Allaire, J. Eng. Power 98 (1976) 171-181"
+    relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "misalignment")
+    bow_x_m: Array = parameter("component along x", scale=2.0, of="eccentricity")
+    bow_y_m: Array = parameter("component 90° on in the sense of rotation", scale=2.0, of="eccentricity")
+
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        pair = jnp.stack([self.bow_x_m, self.bow_y_m])
+        return Excitation(offset=point.at_order(1.0) * point.forward(pair))
+
+
+class ThermalBow(ExcitationEffect):
+    """s += (S_x + iS_y)(Ω/Ω_ref)², Ω_ref the mean natural frequency: heat that grows with speed bends the shaft."""
+
+    name: ClassVar[str] = "thermal_bow"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "shaft bent by heat that grows with speed squared; no constant part"
+    source: ClassVar[str] = "de Jongh, Morton, J. Eng. Gas Turbines Power 118 (1996) 816-823"
+    relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "residual_bow")
+    bow_x_m: Array = parameter("component along x at the natural frequency", scale=1.0, of="eccentricity")
+    bow_y_m: Array = parameter("component 90° on, likewise", scale=1.0, of="eccentricity")
+
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        pair = jnp.stack([self.bow_x_m, self.bow_y_m])
+        growth = (point.speed / point.rotor.natural_frequency()) ** 2
+        return Excitation(offset=point.at_order(1.0) * growth * point.forward(pair))
+
+
+class Misalignment(ExcitationEffect):
+    """F_1 += (P_x + iP_y) f, constant with speed; F_2 += two free complex forces along x and y."""
+
+    name: ClassVar[str] = "misalignment"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "coupling forces of misaligned shafts, once and twice per turn"
+    source: ClassVar[str] = "Gibbons, 5th Turbomachinery Symp. (1976) 111-116; Sekhar, Prabhu, J. Sound Vib. 185 (1995) 655-671"
+    relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
+    force_1_x_n: Array = parameter("1X force turning with the shaft, along x", scale=1.0, of="force")
+    force_1_y_n: Array = parameter("1X force turning with the shaft, 90° on", scale=1.0, of="force")
+    force_2_x_real_n: Array = parameter("2X force along x, in phase", scale=1.0, of="force")
+    force_2_x_imaginary_n: Array = parameter("2X force along x, 90° ahead", scale=1.0, of="force")
+    force_2_y_real_n: Array = parameter("2X force along y, in phase", scale=1.0, of="force")
+    force_2_y_imaginary_n: Array = parameter("2X force along y, 90° ahead", scale=1.0, of="force")
+
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        once = point.forward(jnp.stack([self.force_1_x_n, self.force_1_y_n]))
+        real = jnp.stack([self.force_2_x_real_n, self.force_2_y_real_n])
+        imaginary = jnp.stack([self.force_2_x_imaginary_n, self.force_2_y_imaginary_n])
+        return Excitation(force=point.at_order(1.0) * once + point.at_order(2.0) * (real + 1j * imaginary))
+
+
+class PlaneParticipation(ExcitationEffect):
+    """Unbalance installed in plane p counts (1 + g_p) times: mode shape, or its axial position, off."""
+
+    name: ClassVar[str] = "plane_participation"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "a balancing plane drives the mode more or less than the rig file says"
+    source: ClassVar[str] = "Bishop, Gladwell, J. Mech. Eng. Sci. 1 (1959) 66-77"
+    gain: Array = parameter("relative error of the participation", scale=0.1, axes=("plane",))
+
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        pair = jnp.sum(self.gain[:, None] * point.unbalance[1:], axis=0)
+        return Excitation(force=point.at_order(1.0) * point.speed**2 * point.forward(pair))

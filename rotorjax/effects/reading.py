@@ -1,0 +1,124 @@
+"""What the measuring chain makes of the motion, and what the true speed is."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from rotorjax.model import Family, OperatingPoint, Reading, ReadingEffect, SpeedEffect, parameter
+
+API_670_GAIN = 0.05
+"""Allowed error of a proximity probe's scale factor, interchangeability included (API 670, 5th edition, 2014)."""
+API_670_RUNOUT = 6.35e-6
+"""Allowed combined mechanical and electrical runout, 0.25 mil (API 670, 5th edition, 2014) [m]."""
+
+
+class ProbeAngle(ReadingEffect):
+    """Probe p reads cos(a_p + δ_p) x + sin(a_p + δ_p) y."""
+
+    name: ClassVar[str] = "probe_angle"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "a probe is mounted at another angle than the rig file says"
+    source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1: probes within 5° of 90° apart"
+    relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
+    angle_rad: Array = parameter("angle error, from x towards y", scale=0.0873, axes=("probe",))
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        return Reading(direction=self.angle_rad)
+
+
+class Runout(ReadingEffect):
+    """z += r, one complex number per probe and order, constant with speed."""
+
+    name: ClassVar[str] = "runout"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "scratches, out-of-round or magnetised probe track: the same at every speed"
+    source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1; Bently, Hatch, Fundamentals of Rotating Machinery Diagnostics, 2002, chapter 6"
+    relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
+    real_m: Array = parameter("part in phase with the reference", scale=API_670_RUNOUT, axes=("probe", "order"))
+    imaginary_m: Array = parameter("part 90° ahead", scale=API_670_RUNOUT, axes=("probe", "order"))
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        every = self.real_m + 1j * self.imaginary_m
+        return Reading(runout=every[:, point.order_index])
+
+
+class ProbeGain(ReadingEffect):
+    """z_p -> z_p (1 + g_p)."""
+
+    name: ClassVar[str] = "probe_gain"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "a probe's scale factor is off (target material, oscillator, cable length)"
+    source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1: scale factor within 5 %"
+    relatives: ClassVar[tuple[str, ...]] = ("chain_gain",)
+    gain: Array = parameter("relative error of the scale factor", scale=API_670_GAIN, axes=("probe",))
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        return Reading(gain=1.0 + self.gain)
+
+
+class ChainGain(ReadingEffect):
+    """z -> z |1 + g| exp(i n arg(1 + g)): one complex gain for all probes, its phase times n at order n."""
+
+    name: ClassVar[str] = "chain_gain"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "common gain and phase of the measuring chain (filter, amplifier, units)"
+    source: ClassVar[str] = "ISO 10817-1:1998, clause 5: amplitude and phase response of the measuring chain"
+    relatives: ClassVar[tuple[str, ...]] = ("probe_gain", "residual_bow")
+    gain_real: Array = parameter("real part of the relative error", scale=0.1)
+    gain_imaginary: Array = parameter("imaginary part of the relative error", scale=0.1)
+    starts: ClassVar[tuple[dict[str, float], ...]] = (
+        {},
+        {"gain_real": -10.0, "gain_imaginary": 10.0},
+        {"gain_real": -10.0, "gain_imaginary": -10.0},
+        {"gain_real": -20.0},
+    )
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        size = jnp.sqrt((1.0 + self.gain_real) ** 2 + self.gain_imaginary**2)
+        angle = jnp.arctan2(self.gain_imaginary, 1.0 + self.gain_real)
+        return Reading(gain=size * jnp.exp(1j * point.order * angle))
+
+
+class TimeDelay(ReadingEffect):
+    """z -> z exp(-iωτ)."""
+
+    name: ClassVar[str] = "time_delay"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "vibration channels sampled later than the phase reference"
+    source: ClassVar[str] = "Oppenheim, Schafer, Discrete-Time Signal Processing, 3rd edition, 2010, section 2.9 (shift theorem)"
+    relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
+    delay_s: Array = parameter("delay τ", scale=0.1, of="period")
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"delay_s": 10.0}, {"delay_s": -10.0})
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        return Reading(delay=self.delay_s)
+
+
+class PhaseReferenceOffset(ReadingEffect):
+    """z -> z exp(inφ): the reference mark sits elsewhere than the angles of the weights assume."""
+
+    name: ClassVar[str] = "phase_reference_offset"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "angle between the phase reference and the zero of the weights' angles"
+    source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.2; ISO 21940-2:2017 (phase reference)"
+    relatives: ClassVar[tuple[str, ...]] = ("time_delay", "probe_angle", "damping_error")
+    angle_rad: Array = parameter("offset φ", scale=0.5)
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"angle_rad": turn * 1.5708} for turn in (0.0, 1.0, -1.0, 2.0, -2.0, 4.0))
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        return Reading(phase=self.angle_rad)
+
+
+class SpeedError(SpeedEffect):
+    """Ω -> Ω (1 + e) in the model."""
+
+    name: ClassVar[str] = "speed_error"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "the tabulated speed is off by a constant ratio"
+    source: ClassVar[str] = "ISO 10817-1:1998, clause 5: rotational speed measurement"
+    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "mass_error")
+    error: Array = parameter("relative error of the speed", scale=0.01)
+
+    def added_speed(self, speed: Array) -> Array:
+        return self.error * speed

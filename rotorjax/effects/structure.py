@@ -1,0 +1,156 @@
+"""What the rotor and its support do differently from the nominal rotor."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from rotorjax.model import Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
+
+FOUNDATION_DAMPING_RATIO = 0.05
+"""Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al., Rotordynamik, 2006)."""
+
+
+class StiffnessError(MatrixEffect):
+    """k_i -> k_i (1 + e_i); C and M stay."""
+
+    name: ClassVar[str] = "stiffness_error"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "shaft and bearings stiffer or softer than the rig file says, per axis"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.2"
+    relatives: ClassVar[tuple[str, ...]] = ("mass_error", "speed_error")
+    error_x: Array = parameter("relative error along x", scale=0.05)
+    error_y: Array = parameter("relative error along y", scale=0.05)
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(path_stiffness=jnp.diag(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
+
+
+class MassError(MatrixEffect):
+    """M -> M (1 + e)."""
+
+    name: ClassVar[str] = "mass_error"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "effective mass of disk and shaft off"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.2"
+    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "gyroscopic", "speed_error")
+    error: Array = parameter("relative error", scale=0.05)
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(mass=self.error * point.rotor.mass * jnp.eye(2))
+
+
+class DampingError(MatrixEffect):
+    """c_i -> c_i exp(e_i)."""
+
+    name: ClassVar[str] = "damping_error"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "damping more or less than the rig file says, per axis"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.3"
+    relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
+    log_ratio_x: Array = parameter("natural logarithm of true over nominal, along x", scale=0.5)
+    log_ratio_y: Array = parameter("natural logarithm of true over nominal, along y", scale=0.5)
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        growth = jnp.expm1(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
+        return Matrices(path_damping=jnp.diag(growth * point.rotor.damping))
+
+
+class StiffnessAxes(SupportEffect):
+    """K -> R(β) K R(β)ᵀ, R the turn from x towards y."""
+
+    name: ClassVar[str] = "stiffness_axes"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "principal axes of the support turned against x and y"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.2"
+    relatives: ClassVar[tuple[str, ...]] = ("probe_angle",)
+    angle_rad: Array = parameter("turn from x towards y", scale=0.2)
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"angle_rad": 3.0}, {"angle_rad": -3.0})
+
+    def support(self, point: OperatingPoint) -> Support:
+        return Support(turn=self.angle_rad)
+
+
+class CrossCoupling(MatrixEffect):
+    """D += k J: a force across the motion, k > 0 drives forward whirl."""
+
+    name: ClassVar[str] = "cross_coupling"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "seal, impeller or bearing force across the motion; drives forward whirl"
+    source: ClassVar[str] = "Alford, J. Eng. Power 87 (1965) 333-334; Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 1"
+    relatives: ClassVar[tuple[str, ...]] = ("damping_error", "internal_damping")
+    cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(stiffness=self.cross_stiffness_n_per_m * point.whirl)
+
+
+class SpeedDependentStiffness(MatrixEffect):
+    """k_i -> k_i (1 + e_i Ω²/ω_ref²), ω_ref the mean natural frequency."""
+
+    name: ClassVar[str] = "speed_dependent_stiffness"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "bearings or shaft stiffen with speed"
+    source: ClassVar[str] = "Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 3"
+    relatives: ClassVar[tuple[str, ...]] = ("mass_error", "gyroscopic")
+    error_x: Array = parameter("relative growth along x at the natural frequency", scale=0.1)
+    error_y: Array = parameter("relative growth along y at the natural frequency", scale=0.1)
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        growth = (point.speed / point.rotor.natural_frequency()) ** 2
+        return Matrices(path_stiffness=growth * jnp.diag(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
+
+
+class InternalDamping(MatrixEffect):
+    """D += c_r (iω I + Ω J): damping that turns with the shaft; nothing on a circular 1X orbit."""
+
+    name: ClassVar[str] = "internal_damping"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "friction inside shaft, fits or couplings, turning with the rotor"
+    source: ClassVar[str] = "Kimball, Gen. Electr. Rev. 27 (1924) 244-251; Genta, Dynamics of Rotating Systems, 2005, section 2.5"
+    relatives: ClassVar[tuple[str, ...]] = ("cross_coupling", "damping_error")
+    damping_n_s_per_m: Array = parameter("rotating damping c_r", scale=1.0, of="damping")
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        turning = point.speed * self.damping_n_s_per_m * point.whirl
+        return Matrices(damping=self.damping_n_s_per_m * jnp.eye(2), stiffness=turning)
+
+
+class Gyroscopic(MatrixEffect):
+    """D += iωΩ g J: g = polar moment times the square of slope per deflection; g > 0 stiffens forward whirl."""
+
+    name: ClassVar[str] = "gyroscopic"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "disk tilts as it whirls (off mid-span, overhung)"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.6"
+    relatives: ClassVar[tuple[str, ...]] = ("mass_error", "speed_dependent_stiffness")
+    inertia_ratio_kg: Array = parameter("polar moment of inertia times (slope / deflection)²", scale=0.05, of="mass")
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(damping=point.speed * self.inertia_ratio_kg * point.whirl)
+
+
+class Foundation(SupportEffect):
+    """Per axis S -> (S⁻¹ + F⁻¹)⁻¹ with F = k_f - ω²m_f + iωc_f, that is k_f (1 - ω²/ω_f² + 2iζ_f ω/ω_f).
+
+    Parameters are 1/k_f, ln(ω_f/ω_n) and ln(ζ_f/0.05): two more degrees of freedom in time.
+    """
+
+    name: ClassVar[str] = "foundation"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "pedestal or frame gives way under the bearings, with a resonance of its own"
+    source: ClassVar[str] = "Kirk, Gunter, J. Eng. Ind. 94 (1972) 221-232"
+    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "mass_error")
+    compliance_m_per_n: Array = parameter("static compliance 1/k_f, equal along x and y", scale=0.1, of="compliance")
+    log_frequency: Array = parameter("ln of foundation over rotor natural frequency", scale=0.7)
+    log_damping: Array = parameter("ln of foundation damping ratio over 0.05", scale=1.0)
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"compliance_m_per_n": 0.3, "log_frequency": frequency} for frequency in (-1.5, -0.5, 0.0, 0.5, 1.5)
+    )
+
+    def support(self, point: OperatingPoint) -> Support:
+        own = point.rotor.natural_frequency() * jnp.exp(self.log_frequency)
+        ratio = point.frequency / own
+        damping = FOUNDATION_DAMPING_RATIO * jnp.exp(self.log_damping)
+        compliance = self.compliance_m_per_n / (1.0 - ratio**2 + 2j * damping * ratio)
+        return Support(compliance=compliance * jnp.ones(2))

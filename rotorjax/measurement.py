@@ -1,0 +1,187 @@
+"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are held against."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from rotorjax._core import DEGREE, MICROMETRE, RPM
+from rotorjax.model import Conditions
+
+CLUSTER_WIDTH = 0.02
+"""Dwells within 2 % of one another count as one speed: real dwells never repeat to the digit."""
+
+
+class Row(NamedTuple):
+    """One vibration vector: amplitude zero-to-peak [µm], phase leading [degrees], standard error of Re and Im [µm]."""
+
+    run: str
+    speed_rpm: float
+    probe: str
+    order: float
+    amplitude_um: float
+    phase_deg: float
+    sigma_um: float | None = None
+    repeat: str = ""
+
+
+class Uncertain(NamedTuple):
+    """A rig value that the user is unsure of, as a parameter of an effect.
+
+    ``deviation`` is the standard deviation of the parameter in SI, or of ln(1 + parameter) if ``logarithmic``.
+    Entries that share a ``group`` are one unknown.
+    """
+
+    effect: str
+    label: str
+    deviation: float
+    logarithmic: bool
+    group: str
+
+
+class Limits(NamedTuple):
+    """What a next measurement may be."""
+
+    speed_rpm: tuple[float, float] | None = None
+    amplitude_um: float | None = None
+    trial_weight_g_mm: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Knowledge:
+    """What the user has declared about the rig besides its numbers."""
+
+    uncertain: tuple[Uncertain, ...] = ()
+    installed_unbalance: float = 0.0
+    """Relative standard deviation of every installed unbalance; likewise `installed_bow`."""
+    installed_angle_rad: float = 0.0
+    installed_bow: float = 0.0
+    priors: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    """Effect -> parameter -> prior standard deviation in SI, instead of the declared one."""
+    tolerance: float = 0.0
+    run_scatter: Literal["auto", "none"] = "auto"
+    limits: Limits = Limits()
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """Vibration vectors of a set of runs, dense over case x probe x order, with what was installed in each case."""
+
+    runs: tuple[str, ...]
+    probes: tuple[str, ...]
+    orders: tuple[float, ...]
+    run: Int[np.ndarray, "case"]
+    """Index into ``runs``."""
+    repeat: tuple[str, ...]
+    conditions: Conditions
+    vectors: Complex[np.ndarray, "case probe order"]
+    """Measured vectors [m]; zero where absent."""
+    present: Bool[np.ndarray, "case probe order"]
+    sigma: Float[np.ndarray, "case probe order"] | None
+    """Standard error of real and of imaginary part [m], where the noise is known."""
+    noise: Literal["given", "repeats", "unknown"] = "unknown"
+    knowledge: Knowledge = Knowledge()
+
+    @property
+    def speed_rpm(self) -> Float[np.ndarray, "case"]:
+        return np.asarray(self.conditions.speed) / RPM
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of |z| over the cells present [m]."""
+        return float(np.sqrt(np.mean(np.abs(self.vectors[self.present]) ** 2)))
+
+    def speed_cluster(self) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
+        """Cluster index of every case, and the mean speed of each cluster [rpm]."""
+        return cluster_speeds(self.speed_rpm)
+
+    def weights(self, allowance: float) -> Float[np.ndarray, "case probe order 2"]:
+        """One over the standard error of real and imaginary part [1/m], zero where nothing was measured.
+
+        The variance is sigma² of the table, (tolerance times the size of the measured vector, both probes)², and
+        ``allowance``² [m]. At order 0 there is no imaginary part.
+        """
+        size = np.sqrt(np.sum(np.abs(self.vectors) ** 2, axis=1, keepdims=True))
+        given = np.zeros(self.vectors.shape) if self.sigma is None else self.sigma
+        variance = given**2 + (self.knowledge.tolerance * size) ** 2 + allowance**2
+        weight = np.where(self.present, 1.0 / np.sqrt(np.where(variance > 0.0, variance, np.inf)), 0.0)
+        both = np.stack([weight, weight], axis=-1)
+        both[:, :, np.array(self.orders) == 0.0, 1] = 0.0
+        return both
+
+
+def cluster_speeds(speed_rpm: Float[np.ndarray, "case"]) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
+    """Group speeds whose neighbours are within 2 % of the group's lowest.
+
+    **Returns** the index of each one's group, and the groups' mean speeds, rising.
+    """
+    index = np.zeros(len(speed_rpm), dtype=int)
+    groups: list[list[int]] = []
+    for case in np.argsort(speed_rpm):
+        if not groups or speed_rpm[case] > speed_rpm[groups[-1][0]] * (1.0 + CLUSTER_WIDTH):
+            groups.append([])
+        groups[-1].append(int(case))
+        index[case] = len(groups) - 1
+    return index, np.array([np.mean(speed_rpm[group]) for group in groups])
+
+
+class Installed(NamedTuple):
+    """What was deliberately put on the rotor in one run: unbalance per plane [kg m] and bow [m], as (x, y) pairs."""
+
+    unbalance: Float[np.ndarray, "plane dof"]
+    bow: Float[np.ndarray, "dof"]
+
+
+def arrange(rows: list[Row], *, runs: Mapping[str, Installed], probes: tuple[str, ...], knowledge: Knowledge) -> Measurement:
+    """Dense arrays from the rows of a table.
+
+    **Arguments:** ``rows`` without duplicates, runs and probes all known; ``runs`` what is installed in each run;
+    ``probes`` in the order of the model. **Returns** the measurement; its cases stand in the order of the rows.
+    If no row has a sigma, repeated readings give the pure error; failing those, the noise is unknown.
+    """
+    used = tuple(dict.fromkeys(row.run for row in rows))
+    orders = tuple(sorted({row.order for row in rows}))
+    cases: dict[tuple[str, float, str], int] = {}
+    for row in rows:
+        cases.setdefault((row.run, row.speed_rpm, row.repeat), len(cases))
+    shape = (len(cases), len(probes), len(orders))
+    vectors, present, sigma = np.zeros(shape, complex), np.zeros(shape, bool), np.full(shape, np.nan)
+    for row in rows:
+        cell = cases[row.run, row.speed_rpm, row.repeat], probes.index(row.probe), orders.index(row.order)
+        vectors[cell] = MICROMETRE * row.amplitude_um * np.exp(1j * DEGREE * row.phase_deg)
+        present[cell] = True
+        sigma[cell] = np.nan if row.sigma_um is None else MICROMETRE * row.sigma_um
+    conditions = Conditions.at_rpm(
+        [speed for _, speed, _ in cases],
+        unbalance=np.stack([runs[run].unbalance for run, _, _ in cases]),
+        bow=np.stack([runs[run].bow for run, _, _ in cases]),
+    )
+    given = not np.isnan(sigma[present]).any()
+    index = np.array([used.index(run) for run, _, _ in cases])
+    measurement = Measurement(
+        used, probes, orders, index, tuple(repeat for _, _, repeat in cases), conditions, vectors, present,
+        np.where(present, sigma, 1.0) if given else None, "given" if given else "unknown", knowledge,
+    )  # fmt: skip
+    return measurement if given else _with_pure_error(measurement)
+
+
+def _with_pure_error(measurement: Measurement) -> Measurement:
+    """The standard error from repeated readings of the same run, speed, probe and order, pooled over all cells."""
+    cluster, _ = measurement.speed_cluster()
+    squares, freedoms = 0.0, 0
+    for key in {(r, c) for r, c in zip(measurement.run, cluster, strict=True)}:
+        cases = (measurement.run == key[0]) & (cluster == key[1])
+        if len({measurement.repeat[i] for i in np.flatnonzero(cases)}) < 2:
+            continue
+        for probe in range(len(measurement.probes)):
+            for order in range(len(measurement.orders)):
+                values = measurement.vectors[cases, probe, order][measurement.present[cases, probe, order]]
+                if len(values) > 1:
+                    squares += float(np.sum(np.abs(values - values.mean()) ** 2))
+                    freedoms += 2 * (len(values) - 1)
+    if freedoms == 0 or squares == 0.0:
+        return measurement
+    sigma = np.full(measurement.vectors.shape, np.sqrt(squares / freedoms))
+    return dataclasses.replace(measurement, sigma=sigma, noise="repeats")

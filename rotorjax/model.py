@@ -1,0 +1,376 @@
+"""The contract of an effect, and the model that carries effects: a rotor, its probes and planes, and what `+` means.
+
+Motion q = (x, y) of one case at one speed and one order n: displacement(t) = Re[q e^{inΩt}], t = 0 at the phase
+reference. ``f = (1, -i)`` is the forward circular motion of a shaft that turns from x towards y.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, ClassVar, Literal, NamedTuple, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import ArrayLike, Complex, Float, Int
+
+from rotorjax._core import RPM, Unit, as_float, unit_of
+
+Family = Literal["excitation", "structure", "restoring", "reading"]
+Axis = Literal["probe", "order", "plane"]
+
+BALANCE_GRADE = 6.3e-3
+"""Balance quality grade G6.3, e·Ω in m/s: machinery in general (ISO 21940-11:2016, table 1)."""
+
+
+class Layout(NamedTuple):
+    """The names along the axes of a model's arrays."""
+
+    probes: tuple[str, ...] = ("X", "Y")
+    planes: tuple[str, ...] = ("disk",)
+    orders: tuple[float, ...] = (1.0,)
+
+    def names(self, axis: Axis) -> tuple[str, ...]:
+        """Labels along an axis. A parameter per ``plane`` has none for the first: that one defines the scale."""
+        if axis == "probe":
+            return self.probes
+        if axis == "plane":
+            return self.planes[1:]
+        return tuple(f"{order:g}X" for order in self.orders)
+
+
+class Parameter(NamedTuple):
+    """What a field of an effect declares: see `parameter`."""
+
+    name: str
+    meaning: str
+    scale: float
+    of: str
+    axes: tuple[Axis, ...]
+
+    @property
+    def unit(self) -> Unit:
+        return unit_of(self.name)
+
+    def prior_scale(self, rotor: "AbstractRotor") -> float:
+        """Prior standard deviation in SI: ``scale`` times the rig's quantity ``of``."""
+        return self.scale * rotor.quantities()[self.of]
+
+    def shape(self, layout: Layout) -> tuple[int, ...]:
+        return tuple(len(layout.names(axis)) for axis in self.axes)
+
+    def labels(self, layout: Layout) -> list[str]:
+        """Full names of the entries: ``angle_rad.X``, ``real_m.X.1X``."""
+        labels = [self.name]
+        for axis in self.axes:
+            labels = [f"{label}.{name}" for label in labels for name in layout.names(axis)]
+        return labels
+
+
+def parameter(meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = ()) -> Any:
+    """Declare a field of an effect as one of its parameters. Zero means that the effect is absent.
+
+    **Arguments:** ``meaning`` in a few words; ``scale`` and ``of``: the prior standard deviation is ``scale``
+    times that quantity of the rig (`AbstractRotor.quantities`, "one" for a number in SI); ``axes``: one value per
+    probe, order or plane after the first. The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
+    """
+    return eqx.field(default=0.0, converter=as_float, metadata={"parameter": (meaning, scale, of, axes)})
+
+
+class AbstractRotor(eqx.Module):
+    """A rotor as one station with two lateral degrees of freedom: nominal, before any effect."""
+
+    mass: eqx.AbstractVar[Float[Array, ""]]
+    stiffness: eqx.AbstractVar[Float[Array, "dof"]]
+    damping: eqx.AbstractVar[Float[Array, "dof"]]
+    gravity: eqx.AbstractVar[Float[Array, "dof"]]
+    spin: eqx.AbstractVar[int]
+    bow_through_damping: eqx.AbstractVar[bool]
+
+    def natural_frequency(self) -> Float[Array, ""]:
+        """Mean undamped natural frequency sqrt(mean K / M) [rad/s]."""
+        return jnp.sqrt(jnp.mean(self.stiffness) / self.mass)
+
+    def quantities(self) -> dict[str, float]:
+        """The rig's own scales, in SI, that prior scales refer to.
+
+        Eccentricity e = G / ω_n and unbalance M e are those of balance grade G6.3 at the natural frequency.
+        """
+        frequency = float(self.natural_frequency())
+        stiffness = float(jnp.mean(self.stiffness))
+        eccentricity = BALANCE_GRADE / frequency
+        return {
+            "one": 1.0,
+            "mass": float(self.mass),
+            "stiffness": stiffness,
+            "damping": float(jnp.mean(self.damping)),
+            "compliance": 1.0 / stiffness,
+            "period": 1.0 / frequency,
+            "eccentricity": eccentricity,
+            "unbalance": float(self.mass) * eccentricity,
+            "force": stiffness * eccentricity,
+        }
+
+    def __add__(self, effect: "Effect") -> "Model":
+        return Model(self) + effect
+
+
+class OperatingPoint(NamedTuple):
+    """All that an effect may know: one case, one speed, one order."""
+
+    rotor: AbstractRotor
+    speed: Float[Array, ""]
+    """Ω, rad/s: the true one, after speed effects."""
+    order: Float[Array, ""]
+    order_index: Int[Array, ""]
+    unbalance: Float[Array, "plane dof"]
+    """Installed unbalance per plane times the plane's participation, kg m."""
+    bow: Float[Array, "dof"]
+    """Installed bow, m."""
+
+    @property
+    def frequency(self) -> Float[Array, ""]:
+        """ω = nΩ, rad/s."""
+        return self.order * self.speed
+
+    @property
+    def whirl(self) -> Float[Array, "dof dof"]:
+        """J = [[0, 1], [-1, 0]] for a shaft turning from x to y; the other sign for the other way."""
+        return self.rotor.spin * jnp.array([[0.0, 1.0], [-1.0, 0.0]])
+
+    def forward(self, pair: Float[Array, "dof"]) -> Complex[Array, "dof"]:
+        """The vector (p_x + i p_y) f that turns with the shaft; f = (1, -i), (1, +i) for a shaft from y to x."""
+        return jax.lax.complex(pair[0], pair[1]) * jnp.array([1.0, -1j * self.rotor.spin])
+
+    def at_order(self, order: float) -> Float[Array, ""]:
+        """One at this order, else zero."""
+        return jnp.where(jnp.abs(self.order - order) < 1e-9, 1.0, 0.0)
+
+
+class Effect(eqx.Module):
+    """One physical effect, local to a station, written for one case at one speed; ``vmap`` is the caller's business.
+
+    A final subclass sets the class data, declares its parameters as fields by `parameter`, and inherits from one
+    or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `ReadingEffect`.
+    """
+
+    name: eqx.AbstractClassVar[str]
+    family: eqx.AbstractClassVar[Family]
+    meaning: eqx.AbstractClassVar[str]
+    """One line: what this is on a real machine."""
+    source: eqx.AbstractClassVar[str]
+    """Where the equation is from."""
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({},)
+    """Starting points of a fit, in prior scales; a parameter that is not named starts at its null."""
+    relatives: ClassVar[tuple[str, ...]] = ()
+    """Effects whose signature is known to resemble this one's: a fit checks whether they would have done as well."""
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The declared parameters, in the order of the fields."""
+        fields = [f for f in dataclasses.fields(cls) if "parameter" in f.metadata]
+        return tuple(Parameter(f.name, *f.metadata["parameter"]) for f in fields)
+
+    def values(self) -> tuple[Array, ...]:
+        """The parameters' values in SI, in the order of `parameters`."""
+        return tuple(getattr(self, p.name) for p in self.parameters())
+
+    def sized(self, layout: Layout) -> Self:
+        """The same effect with every parameter at the shape that the layout gives it.
+
+        **Errors.** ``ValueError`` if a parameter has neither that shape nor none.
+        """
+        values = []
+        for declared, value in zip(self.parameters(), self.values(), strict=True):
+            shape = declared.shape(layout)
+            if value.shape not in ((), shape):
+                named = ", ".join(declared.labels(layout))
+                raise ValueError(f"{self.name}: {declared.name} has shape {value.shape}; give one number, or one each for {named}")
+            values.append(jnp.broadcast_to(value, shape))
+        return self.replaced(values)
+
+    def replaced(self, values: list[Array]) -> Self:
+        """A copy with other values, in the order of `parameters`."""
+        names = [p.name for p in self.parameters()]
+        return eqx.tree_at(lambda e: [getattr(e, n) for n in names], self, values)
+
+
+class Matrices(NamedTuple):
+    """What an effect adds to M, C and K; ``path_*`` belong to the support path, the others to the disk."""
+
+    mass: Float[Array, "dof dof"] | float = 0.0
+    damping: Float[Array, "dof dof"] | float = 0.0
+    stiffness: Float[Array, "dof dof"] | float = 0.0
+    path_stiffness: Float[Array, "dof dof"] | float = 0.0
+    path_damping: Float[Array, "dof dof"] | float = 0.0
+
+
+class Support(NamedTuple):
+    """Turn of the support's axes [rad] and the compliance in series with it per axis [m/N]."""
+
+    turn: Float[Array, ""] | float = 0.0
+    compliance: Complex[Array, "dof"] | float = 0.0
+
+
+class Excitation(NamedTuple):
+    """Force on the disk [N] and offset of the support path [m] at one order."""
+
+    force: Complex[Array, "dof"] | float = 0.0
+    offset: Complex[Array, "dof"] | float = 0.0
+
+
+class Reading(NamedTuple):
+    """What the measuring chain does, per probe: gains multiply, everything else adds."""
+
+    direction: Float[Array, "probe"] | float = 0.0
+    runout: Complex[Array, "probe"] | float = 0.0
+    gain: Complex[Array, "*probe"] | Float[Array, "*probe"] | float = 1.0
+    delay: Float[Array, ""] | float = 0.0
+    phase: Float[Array, ""] | float = 0.0
+
+
+class SpeedEffect(Effect):
+    """Says what the true speed is."""
+
+    @abc.abstractmethod
+    def added_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        """Speed to add to the tabulated one [rad/s]."""
+
+
+class SupportEffect(Effect):
+    """Turns the support path or puts something in series with it."""
+
+    @abc.abstractmethod
+    def support(self, point: OperatingPoint) -> Support:
+        """Turn and series compliance at the point's frequency."""
+
+
+class MatrixEffect(Effect):
+    """Adds to mass, damping or stiffness."""
+
+    @abc.abstractmethod
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        """Real matrices at the point's speed: the same for every order, so that they hold in time too."""
+
+
+class ExcitationEffect(Effect):
+    """Adds a force or a bow."""
+
+    @abc.abstractmethod
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        """Complex force and offset at the point's order."""
+
+
+class ReadingEffect(Effect):
+    """Changes what the probes read."""
+
+    @abc.abstractmethod
+    def reading(self, point: OperatingPoint) -> Reading:
+        """What the measuring chain does at the point's order."""
+
+
+class Conditions(eqx.Module):
+    """Operating conditions: how fast, and what is deliberately installed. Make one with `Conditions.at`."""
+
+    speed: Float[Array, "*case"]
+    """Ω, rad/s."""
+    unbalance: Float[Array, "*case plane dof"]
+    """Installed unbalance, kg m: along x and 90° on in the sense of rotation, at t = 0."""
+    bow: Float[Array, "*case dof"]
+    """Installed bow, m, likewise."""
+
+    @classmethod
+    def at(cls, speed: ArrayLike, *, unbalance: Any = 0.0, bow: Any = 0.0) -> "Conditions":
+        """Conditions at these speeds.
+
+        **Arguments:** ``speed`` [rad/s], a number or an array; ``unbalance`` [kg m], last axes (plane, dof), or
+        (dof,) for a single plane; ``bow`` [m], last axis (dof,). Both are repeated over the speeds where needed.
+        """
+        omega = jnp.atleast_1d(as_float(speed))
+        mass_distance, offset = as_float(unbalance), as_float(bow)
+        if mass_distance.ndim < 2:
+            mass_distance = jnp.broadcast_to(mass_distance, (1, 2))
+        planes = mass_distance.shape[-2:]
+        return cls(omega, jnp.broadcast_to(mass_distance, (*omega.shape, *planes)), jnp.broadcast_to(offset, (*omega.shape, 2)))
+
+    @classmethod
+    def at_rpm(cls, speed_rpm: ArrayLike, *, unbalance: Any = 0.0, bow: Any = 0.0) -> "Conditions":
+        """The same with speeds in revolutions per minute."""
+        return cls.at(as_float(speed_rpm) * RPM, unbalance=unbalance, bow=bow)
+
+
+class Probes(eqx.Module):
+    """Displacement probes: direction from +x towards +y [rad], mode shape there relative to the disk, reference."""
+
+    angle: Float[Array, "probe"]
+    participation: Float[Array, "probe"]
+    on_foundation: Float[Array, "probe"]
+    """One where the probe reads against the foundation, zero where against the ground."""
+
+
+def _two_probes() -> Probes:
+    return Probes(jnp.array([0.0, jnp.pi / 2.0]), jnp.ones(2), jnp.zeros(2))
+
+
+class Model(eqx.Module):
+    """A rotor, how it is read, where weights sit on it, and the effects added to it.
+
+    ``model + effect`` adds an effect. Effects are kept by name, so that every order of adding gives the same
+    model; adding an effect that is there already adds its parameters.
+    """
+
+    rotor: AbstractRotor
+    probes: Probes = eqx.field(default_factory=_two_probes)
+    participation: Float[Array, "plane"] = eqx.field(default_factory=lambda: jnp.ones(1))
+    """Mode shape at each balancing plane, relative to the disk."""
+    slow_roll: Float[Array, ""] | None = None
+    """Speed [rad/s] of the slow roll that was subtracted from every vector, if one was."""
+    effects: tuple[Effect, ...] = ()
+    layout: Layout = eqx.field(static=True, default=Layout())
+
+    def __check_init__(self) -> None:
+        if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (len(self.layout.planes),):
+            raise ValueError(f"the layout names probes {self.layout.probes} and planes {self.layout.planes}: give each an angle and a participation")
+
+    def __add__(self, effect: Effect) -> "Model":
+        sized = effect.sized(self.layout)
+        present = self.find(effect.name)
+        if present is not None:
+            sized = jax.tree.map(jnp.add, present, sized)
+        others = [e for e in self.effects if e.name != effect.name]
+        return self._with_effects([*others, sized])
+
+    def __contains__(self, name: str) -> bool:
+        return self.find(name) is not None
+
+    def find(self, name: str) -> Effect | None:
+        """The effect of that name, if the model has it."""
+        return next((e for e in self.effects if e.name == name), None)
+
+    def without(self, name: str) -> "Model":
+        """The model less one effect."""
+        return self._with_effects([e for e in self.effects if e.name != name])
+
+    def with_orders(self, orders: tuple[float, ...]) -> "Model":
+        """The model for other orders; parameters per order keep their values where the order stays."""
+        if orders == self.layout.orders:
+            return self
+        layout = self.layout._replace(orders=orders)
+        bare = Model(self.rotor, self.probes, self.participation, self.slow_roll, (), layout)
+        for effect in self.effects:
+            bare = bare + effect.replaced(list(self._reordered(effect, orders)))
+        return bare
+
+    def _reordered(self, effect: Effect, orders: tuple[float, ...]) -> Iterator[Array]:
+        old = self.layout.orders
+        for declared, value in zip(effect.parameters(), effect.values(), strict=True):
+            if "order" in declared.axes:
+                axis = declared.axes.index("order")
+                kept = [jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis)) for n in orders]
+                value = jnp.stack(kept, axis)
+            yield value
+
+    def _with_effects(self, effects: list[Effect]) -> "Model":
+        ordered = tuple(sorted(effects, key=lambda e: e.name))
+        return Model(self.rotor, self.probes, self.participation, self.slow_roll, ordered, self.layout)

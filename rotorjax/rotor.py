@@ -1,0 +1,57 @@
+"""The Jeffcott rotor with unequal stiffness along x and y."""
+
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import ArrayLike, Float
+
+from rotorjax._core import RPM, as_float
+from rotorjax.model import AbstractRotor
+
+
+def _pair(value: Any) -> Array:
+    return jnp.broadcast_to(as_float(value), (2,))
+
+
+class Jeffcott(AbstractRotor):
+    """A disk of mass M on a light shaft: M q̈ + C q̇ + K q = F, C and K diagonal with unequal entries.
+
+    c_i = 2 ζ_i sqrt(k_i M); natural frequencies sqrt(k_i / M) are the critical speeds of the undamped rotor.
+    (Jeffcott 1919, Phil. Mag. 37:304-314; Huang et al. 2026, Sensors 26:2565, equations 1-4.)
+
+    **Fields:** ``mass`` [kg]; ``stiffness`` [N/m] and ``damping_ratio`` [1], along x and y, or one number for
+    both; ``gravity`` [m/s²] along x and y, zero for a vertical shaft; ``rotation``: sense of rotation;
+    ``bow_through_damping``: the damper stands in series with the bent shaft, as bearings do, and a bow drives
+    through K + iωC instead of K (the paper's equation).
+    **Errors.** ``ValueError`` for mass or stiffness that is not positive, or a negative damping ratio, where
+    these are known numbers.
+    """
+
+    mass: Float[Array, ""] = eqx.field(converter=as_float)
+    stiffness: Float[Array, "dof"] = eqx.field(converter=_pair)
+    damping_ratio: Float[Array, "dof"] = eqx.field(converter=_pair)
+    gravity: Float[Array, "dof"] = eqx.field(converter=_pair, default=0.0)
+    rotation: Literal["x-to-y", "y-to-x"] = eqx.field(static=True, default="x-to-y")
+    bow_through_damping: bool = eqx.field(static=True, default=False)
+
+    @property
+    def damping(self) -> Float[Array, "dof"]:
+        """Viscous damping c_i [N s/m]."""
+        return 2.0 * self.damping_ratio * jnp.sqrt(self.stiffness * self.mass)
+
+    @property
+    def spin(self) -> int:
+        """+1 for a shaft turning from x to y, else -1."""
+        return 1 if self.rotation == "x-to-y" else -1
+
+    def critical_speeds_rpm(self) -> Float[Array, "dof"]:
+        """Undamped critical speeds sqrt(k_i / M) along x and y [rpm]."""
+        return jnp.sqrt(self.stiffness / self.mass) / RPM
+
+    @classmethod
+    def from_critical_speed(cls, *, mass: ArrayLike, critical_speed_rpm: ArrayLike, damping_ratio: ArrayLike, **settings: Any) -> "Jeffcott":
+        """The rotor whose undamped critical speeds along x and y are these: k = M ω²."""
+        stiffness = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2
+        return cls(mass, stiffness, damping_ratio, **settings)
