@@ -18,13 +18,16 @@ fold     fold of a cross-validation
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import ArrayLike, Bool, Float, Int
+
+Numbers = ArrayLike | Sequence[Any]
+"""What a user may hand over for an array: a number, nested lists, any array."""
 
 RPM = 2.0 * math.pi / 60.0
 """One revolution per minute, in rad/s."""
@@ -66,14 +69,6 @@ def unit_of(name: str) -> Unit:
         if name.endswith(ending):
             return Unit(*unit)
     return Unit("1", "1", 1.0)
-
-
-class InputError(ValueError):
-    """Input from a user that cannot be used: one line per problem, each with place and cure."""
-
-    def __init__(self, *problems: str):
-        super().__init__("\n".join(problems))
-        self.problems = problems
 
 
 def require_float64(what: str) -> None:
@@ -161,6 +156,7 @@ def levenberg_marquardt(
         done = (small & (damping < 1e-2)) | (damping > 1e12) | ~jnp.isfinite(best.cost)
         return _State(point, best, trial, promise, damping, state.steps + 1, done)
 
+    quadratic = jax.jit(quadratic)  # traced once for its shapes and for the loop
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(quadratic, start))
     nowhere = blank._replace(cost=jnp.full_like(blank.cost, jnp.inf))
     begin = _State(start, nowhere, start, jnp.asarray(jnp.inf), jnp.asarray(1e-2), jnp.asarray(0), jnp.asarray(False))
@@ -175,6 +171,6 @@ def real_pair(vector: Array) -> Float[Array, "*shape 2"]:
     return jnp.stack([vector.real, vector.imag], axis=-1)
 
 
-def as_float(value: Any) -> Array:
+def as_float(value: Numbers) -> Array:
     """Number or nested numbers -> floating array of JAX's default precision."""
     return jnp.asarray(value, dtype=float)

@@ -72,6 +72,8 @@ class RunDiagnosis:
     """Why not, and what would help; empty if identifiable."""
     unbalance_alone: Fault | None
     """The unbalance that would account for all of it without any bow."""
+    reduced_chi2: float | None
+    """Squared residual in squared standard errors per degree of freedom; well above one, the model does not hold."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +90,7 @@ class _Solution(NamedTuple):
     information: Float[np.ndarray, "4 4"]
     alone: Fault
     rank: int
+    chi2: float | None
 
 
 def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:
@@ -169,7 +172,7 @@ def _solve(slopes: np.ndarray, right: np.ndarray, weight: np.ndarray, known: boo
     regular = len(target) >= 2 and np.linalg.cond(curvature) < 1e12
     pair = np.linalg.solve(curvature, unbalance_only.T @ target) if regular else np.full(2, np.nan)
     alone = Fault(pair, np.linalg.inv(curvature) if regular and known else None)
-    return _Solution(faults / scale, covariance, information, alone, int(rank))
+    return _Solution(faults / scale, covariance, information, alone, int(rank), chi2 if known else None)
 
 
 def _inherent(measurement: Measurement, model: Model, solutions: list[_Solution], reference: tuple[str, ...]) -> _Solution:
@@ -186,7 +189,7 @@ def _inherent(measurement: Measurement, model: Model, solutions: list[_Solution]
     known = [c for c in covariances if c is not None]
     covariance = np.sum(known, axis=0) / len(reference) ** 2 if len(known) == len(reference) else None
     first = solutions[measurement.runs.index(reference[0])]
-    return _Solution(np.mean(beyond, axis=0), covariance, first.information, Fault(np.mean(alone, axis=0), first.alone.covariance), first.rank)
+    return _Solution(np.mean(beyond, axis=0), covariance, first.information, Fault(np.mean(alone, axis=0), first.alone.covariance), first.rank, None)
 
 
 def _shifted(solution: _Solution, inherent: _Solution) -> _Solution:
@@ -202,9 +205,10 @@ def _judge(run: str, solution: _Solution, model: Model, measurement: Measurement
     unbalance, bow = Fault(solution.faults[:2], blocks[0]), Fault(solution.faults[2:], blocks[1])
     reason = _why_not(unbalance, bow, solution, model, measurement, index)
     alone = solution.alone if np.all(np.isfinite(solution.alone.pair)) else None
-    if solution.rank < 4:
-        return RunDiagnosis(run, None, None, False, reason, alone)
-    return RunDiagnosis(run, unbalance, bow, not reason, reason, alone)
+    if solution.rank < 4 or model.slow_roll is not None:
+        # With slow roll subtracted only the damping's form tells the two apart: a value would be an artefact of the model.
+        return RunDiagnosis(run, None, None, False, reason, alone, solution.chi2)
+    return RunDiagnosis(run, unbalance, bow, not reason, reason, alone, solution.chi2)
 
 
 def _why_not(unbalance: Fault, bow: Fault, solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:

@@ -6,16 +6,18 @@ reference. ``f = (1, -i)`` is the forward circular motion of a shaft that turns 
 
 import abc
 import dataclasses
+import math
 from collections.abc import Iterator
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
-from jaxtyping import ArrayLike, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
 
-from rotorjax._core import RPM, Unit, as_float, unit_of
+from rotorjax._core import RPM, Numbers, Unit, as_float, unit_of
 
 Family = Literal["excitation", "structure", "restoring", "reading"]
 Axis = Literal["probe", "order", "plane"]
@@ -97,18 +99,18 @@ class AbstractRotor(eqx.Module):
 
         Eccentricity e = G / ω_n and unbalance M e are those of balance grade G6.3 at the natural frequency.
         """
-        frequency = float(self.natural_frequency())
-        stiffness = float(jnp.mean(self.stiffness))
+        mass, stiffness = float(self.mass), float(np.mean(np.asarray(self.stiffness)))
+        frequency = math.sqrt(stiffness / mass)
         eccentricity = BALANCE_GRADE / frequency
         return {
             "one": 1.0,
-            "mass": float(self.mass),
+            "mass": mass,
             "stiffness": stiffness,
-            "damping": float(jnp.mean(self.damping)),
+            "damping": float(np.mean(np.asarray(self.damping))),
             "compliance": 1.0 / stiffness,
             "period": 1.0 / frequency,
             "eccentricity": eccentricity,
-            "unbalance": float(self.mass) * eccentricity,
+            "unbalance": mass * eccentricity,
             "force": stiffness * eccentricity,
         }
 
@@ -176,7 +178,7 @@ class Effect(eqx.Module):
         """The parameters' values in SI, in the order of `parameters`."""
         return tuple(getattr(self, p.name) for p in self.parameters())
 
-    def sized(self, layout: Layout) -> Self:
+    def sized(self, layout: Layout) -> "Effect":
         """The same effect with every parameter at the shape that the layout gives it.
 
         **Errors.** ``ValueError`` if a parameter has neither that shape nor none.
@@ -190,7 +192,7 @@ class Effect(eqx.Module):
             values.append(jnp.broadcast_to(value, shape))
         return self.replaced(values)
 
-    def replaced(self, values: list[Array]) -> Self:
+    def replaced(self, values: list[Array]) -> "Effect":
         """A copy with other values, in the order of `parameters`."""
         names = [p.name for p in self.parameters()]
         return eqx.tree_at(lambda e: [getattr(e, n) for n in names], self, values)
@@ -281,7 +283,7 @@ class Conditions(eqx.Module):
     """Installed bow, m, likewise."""
 
     @classmethod
-    def at(cls, speed: ArrayLike, *, unbalance: Any = 0.0, bow: Any = 0.0) -> "Conditions":
+    def at(cls, speed: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
         """Conditions at these speeds.
 
         **Arguments:** ``speed`` [rad/s], a number or an array; ``unbalance`` [kg m], last axes (plane, dof), or
@@ -295,7 +297,7 @@ class Conditions(eqx.Module):
         return cls(omega, jnp.broadcast_to(mass_distance, (*omega.shape, *planes)), jnp.broadcast_to(offset, (*omega.shape, 2)))
 
     @classmethod
-    def at_rpm(cls, speed_rpm: ArrayLike, *, unbalance: Any = 0.0, bow: Any = 0.0) -> "Conditions":
+    def at_rpm(cls, speed_rpm: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
         """The same with speeds in revolutions per minute."""
         return cls.at(as_float(speed_rpm) * RPM, unbalance=unbalance, bow=bow)
 
@@ -303,9 +305,9 @@ class Conditions(eqx.Module):
 class Probes(eqx.Module):
     """Displacement probes: direction from +x towards +y [rad], mode shape there relative to the disk, reference."""
 
-    angle: Float[Array, "probe"]
-    participation: Float[Array, "probe"]
-    on_foundation: Float[Array, "probe"]
+    angle: Float[Array, "probe"] = eqx.field(converter=as_float)
+    participation: Float[Array, "probe"] = eqx.field(converter=as_float)
+    on_foundation: Float[Array, "probe"] = eqx.field(converter=as_float)
     """One where the probe reads against the foundation, zero where against the ground."""
 
 
@@ -322,7 +324,7 @@ class Model(eqx.Module):
 
     rotor: AbstractRotor
     probes: Probes = eqx.field(default_factory=_two_probes)
-    participation: Float[Array, "plane"] = eqx.field(default_factory=lambda: jnp.ones(1))
+    participation: Float[Array, "plane"] = eqx.field(converter=as_float, default_factory=lambda: jnp.ones(1))
     """Mode shape at each balancing plane, relative to the disk."""
     slow_roll: Float[Array, ""] | None = None
     """Speed [rad/s] of the slow roll that was subtracted from every vector, if one was."""

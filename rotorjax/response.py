@@ -118,11 +118,12 @@ def _vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order
 
 
 def _case(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
-    measured = _vectors(model, condition)
     if model.slow_roll is None:
-        return measured
-    rolling = eqx.tree_at(lambda c: c.speed, condition, jnp.broadcast_to(model.slow_roll, condition.speed.shape))
-    return measured - _vectors(model, rolling)
+        return _vectors(model, condition)
+    speeds = jnp.stack([condition.speed, model.slow_roll])
+    at_speed = jax.vmap(lambda speed: _vectors(model, Conditions(speed, condition.unbalance, condition.bow)))
+    measured, rolling = at_speed(speeds)
+    return measured - rolling
 
 
 def vectors(model: Model, conditions: Conditions) -> Complex[Array, "case probe order"]:

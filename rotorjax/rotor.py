@@ -3,15 +3,16 @@
 from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 
-from rotorjax._core import RPM, as_float
+from rotorjax._core import RPM, Numbers, as_float
 from rotorjax.model import AbstractRotor
 
 
-def _pair(value: Any) -> Array:
+def _pair(value: Numbers) -> Array:
     return jnp.broadcast_to(as_float(value), (2,))
 
 
@@ -36,6 +37,14 @@ class Jeffcott(AbstractRotor):
     rotation: Literal["x-to-y", "y-to-x"] = eqx.field(static=True, default="x-to-y")
     bow_through_damping: bool = eqx.field(static=True, default=False)
 
+    def __check_init__(self) -> None:
+        if isinstance(self.mass, jax.core.Tracer) or isinstance(self.stiffness, jax.core.Tracer):
+            return
+        if not (self.mass > 0.0 and jnp.all(self.stiffness > 0.0)):
+            raise ValueError("mass [kg] and stiffness [N/m] of a rotor must be positive")
+        if not isinstance(self.damping_ratio, jax.core.Tracer) and not jnp.all(self.damping_ratio >= 0.0):
+            raise ValueError("a damping ratio must not be negative: write an unstable rotor with cross_coupling or internal_damping")
+
     @property
     def damping(self) -> Float[Array, "dof"]:
         """Viscous damping c_i [N s/m]."""
@@ -51,7 +60,7 @@ class Jeffcott(AbstractRotor):
         return jnp.sqrt(self.stiffness / self.mass) / RPM
 
     @classmethod
-    def from_critical_speed(cls, *, mass: ArrayLike, critical_speed_rpm: ArrayLike, damping_ratio: ArrayLike, **settings: Any) -> "Jeffcott":
+    def from_critical_speed(cls, *, mass: Numbers, critical_speed_rpm: Numbers, damping_ratio: Numbers, **settings: Any) -> "Jeffcott":
         """The rotor whose undamped critical speeds along x and y are these: k = M ω²."""
         stiffness = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2
         return cls(mass, stiffness, damping_ratio, **settings)

@@ -54,7 +54,7 @@ def make_data(measurement: Measurement, model: Model, allowance: float) -> Data:
         scatter = np.zeros((*weight.shape, 0))
     return Data(
         measurement.conditions,
-        real_pair(jnp.asarray(measurement.vectors)),
+        jnp.asarray(np.stack([measurement.vectors.real, measurement.vectors.imag], axis=-1)),
         jnp.asarray(weight),
         jnp.asarray(orders % 1.0 != 0.0),
         jnp.asarray(measurement.run),

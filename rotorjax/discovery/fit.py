@@ -5,7 +5,6 @@ import math
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
@@ -198,7 +197,7 @@ def _summary(stage: Stage, data: Data, best: Descent, allowance: float, held_out
     local: Local = best.quadratic.extra
     by_run = whitened_by_run(local, data)
     covariance = _covariance(best.quadratic.hessian, by_run, free)
-    fitted = space.at(jnp.asarray(best.point))
+    fitted = space.model_at(best.point)
     left = residual_vectors(local.error, data)
     return Fit(
         model=_kept(fitted, stage),

@@ -22,6 +22,8 @@ class RunScatter(NamedTuple):
 
     unbalance_kg_m: float = 0.0
     bow_m: float = 0.0
+    share: float = 0.0
+    """Share of the squared residual that it accounts for."""
 
     def as_json(self) -> dict[str, float]:
         return {"unbalance_g_mm": self.unbalance_kg_m / GRAM_MILLIMETRE, "bow_um": self.bow_m / MICROMETRE}
@@ -87,4 +89,8 @@ def infer_run_scatter(measurement: Measurement, model: Model, residual: np.ndarr
     variance = np.logspace(-3.0, 12.0, 3501)[:, None] / np.mean(lam)
     gain = 0.5 * np.sum(variance * t**2 / (1.0 + variance * lam) - np.log1p(variance * lam), axis=1)
     best = int(np.argmax(gain))
-    return RunScatter(unbalance_kg_m=math.sqrt(variance[best, 0])) if gain[best] > LEAST_GAIN else RunScatter()
+    if gain[best] <= LEAST_GAIN:
+        return RunScatter()
+    found = float(variance[best, 0])
+    explained = np.sum(t**2 * found / (1.0 + found * lam) * (2.0 - found * lam / (1.0 + found * lam)))
+    return RunScatter(math.sqrt(found), 0.0, float(np.clip(explained / np.sum(errors**2), 0.0, 1.0)))

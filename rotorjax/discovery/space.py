@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import equinox as eqx
-
+import jax
 import jax.numpy as jnp
 import numpy as np
-import jax
 from jax import Array
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
@@ -53,14 +52,22 @@ class Space(eqx.Module):
     def at(self, unknowns: Float[Array, "param"]) -> Model:
         """The model at these unknowns."""
         moved = self.scale * unknowns[self.unknown]
-        values = jnp.where(self.logarithmic, jnp.expm1(moved), moved)
+        # The inner choice keeps an overflow of the branch not taken out of the gradient.
+        values = jnp.where(self.logarithmic, jnp.expm1(jnp.where(self.logarithmic, moved, 0.0)), moved)
         _, unravel = ravel_pytree(self.model.effects)
         return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
 
     def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
         """Value of every entry [SI]."""
         moved = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)]
-        return np.where(self.logarithmic, np.expm1(moved), moved)
+        return np.where(self.logarithmic, np.expm1(np.where(self.logarithmic, moved, 0.0)), moved)
+
+    def model_at(self, unknowns: Float[np.ndarray, "param"]) -> Model:
+        """`at` for known numbers, outside compiled code."""
+        leaves, structure = jax.tree.flatten(self.model.effects)
+        parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
+        effects = [jnp.asarray(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
+        return eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""

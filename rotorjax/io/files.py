@@ -4,7 +4,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from rotorjax._core import InputError
+from rotorjax.errors import InputError
 
 
 def read_text(path: Path) -> str:

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import tomlkit
 
-from rotorjax._core import DEGREE, GRAM_MILLIMETRE, GRAVITY, RPM, InputError
+from rotorjax._core import DEGREE, GRAM_MILLIMETRE, GRAVITY, RPM
 from rotorjax.effects import CATALOG
+from rotorjax.errors import InputError
 from rotorjax.io.files import write_whole
 from rotorjax.io.section import Document, Section, nearest
 from rotorjax.io.table import Table, read_table, write_table
@@ -98,7 +99,7 @@ class Rig:
                 effects.add(effect.name, _effect_table(effect, model.layout))
             document.add(tomlkit.nl())
             document.add("effects", effects)
-        write_whole(path, tomlkit.dumps(document))
+        write_whole(path, tomlkit.dumps(document).rstrip("\n") + "\n")
 
     def write_measurement(self, path: Path, measurement: Measurement) -> None:
         """Write a measurement as a table in this rig file's conventions."""
@@ -202,6 +203,8 @@ def _probes(document: Document) -> dict[str, tuple[float, float, float]]:
     section = document.section("probes")
     probes = {}
     for name, table in section.tables():
+        if set(name) & set(".,:="):
+            document.report(("probes", name), "a probe's name must not hold any of . , : = (they separate parameters)")
         angle = DEGREE * table.number("angle_deg")
         participation = table.number("participation", 1.0)
         reference = table.choice("reference", ("ground", "foundation"))

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from rotorjax._core import InputError
+from rotorjax.errors import InputError
 from rotorjax.io.files import read_text
 
 _REQUIRED = object()
@@ -19,7 +19,7 @@ _KEY = re.compile(r"^\s*([A-Za-z0-9_.\"'-]+)\s*=")
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` or the list of what is known: the end of a message about an unknown name."""
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, 1, 0.5)
+    near = difflib.get_close_matches(name, names, 1, 0.5) or [known for known in names if name and name in known][:1]
     if near:
         return f"did you mean {near[0]!r}?"
     return f"known here: {', '.join(names)}" if names else "remove it"

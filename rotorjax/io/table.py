@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from rotorjax._core import InputError
+from rotorjax.errors import InputError
 from rotorjax.io.files import read_text, write_whole
 from rotorjax.measurement import Row
 

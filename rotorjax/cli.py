@@ -1,0 +1,246 @@
+"""The command line. The only place that prints or sets JAX's global options."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorjax.errors import InputError
+
+if TYPE_CHECKING:
+    from rotorjax.io.rig import Rig
+    from rotorjax.measurement import Measurement
+    from rotorjax.model import Effect, Model
+
+BAD_INPUT = 2
+MOST_PROBLEMS = 20
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command. **Returns** the exit status: 0 done, 2 bad input."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    try:
+        options.command(options)
+    except InputError as error:
+        print("\n".join(f"rotorjax: {problem}" for problem in error.problems[:MOST_PROBLEMS]), file=sys.stderr)
+        if len(error.problems) > MOST_PROBLEMS:
+            print(f"rotorjax: and {len(error.problems) - MOST_PROBLEMS} more problems", file=sys.stderr)
+        return BAD_INPUT
+    except BrokenPipeError:
+        # The reader of a pipe has seen enough; Python would complain once more when it closes standard output.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="rotorjax", description="Hold a rotor model against vibration measurements and find what it lacks.")
+    parser.add_argument("--version", action="version", version=f"rotorjax {version('rotorjax')}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[argparse.Namespace], None], what: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=what, description=what)
+        sub.set_defaults(command=run)
+        return sub
+
+    sub = command("compare", _compare, "where a model fails against a measurement; add effects and watch the error fall")
+    sub.add_argument("data", type=Path, metavar="DATA.csv", help="measurement table")
+    sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml")
+    _effect_option(sub, "add this effect and fit what is not given")
+    sub.add_argument("--write-rig", type=Path, metavar="NEW.toml", help="write the fitted model as a rig file")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    sub.add_argument("--report", type=Path, metavar="FILE.html", help="write a report with pictures, one file")
+
+    sub = command("diagnose", _diagnose, "unbalance and bow of every run, with standard errors")
+    sub.add_argument("data", type=Path, metavar="DATA.csv")
+    sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml")
+    sub.add_argument("--reference", action="append", default=[], metavar="RUN", help="run whose installed faults are known: the rest is inherent")
+    sub.add_argument("--json", type=Path, metavar="FILE")
+
+    sub = command("simulate", _simulate, "make a measurement table from a model")
+    sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml")
+    what = sub.add_mutually_exclusive_group(required=True)
+    what.add_argument("--like", type=Path, metavar="DATA.csv", help="the runs, speeds, probes and orders of this table")
+    what.add_argument("--speeds", metavar="LOW:HIGH:COUNT", help="every run of the rig file at these speeds, in rpm")
+    sub.add_argument("--orders", metavar="1,2", help="orders, with --speeds")
+    _effect_option(sub, "add this effect")
+    sub.add_argument("--noise-um", type=float, default=0.0, metavar="SIGMA", help="standard error of real and of imaginary part")
+    sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv")
+
+    sub = command("effects", _effects, "the catalogue of effects, or one of them in full")
+    sub.add_argument("name", nargs="?")
+
+    sub = command("example", _example, "write a table, a rig file and what to type: a start for your own data")
+    sub.add_argument("folder", type=Path, metavar="DIR")
+    return parser
+
+
+def _effect_option(sub: argparse.ArgumentParser, what: str) -> None:
+    sub.add_argument("--effect", action="append", default=[], metavar="NAME[:PARAMETER=VALUE,...]", help=f"{what}; may be repeated")
+
+
+def _compute() -> None:
+    """Double precision, and compiled programs kept for the next process."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
+        jax.config.update("jax_compilation_cache_dir", cache)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def _cache_folder() -> str | None:
+    """A folder of the user's for compiled programs; none where it cannot be made."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return str(folder)
+
+
+def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
+    from rotorjax.io.rig import read_rig
+    from rotorjax.io.table import read_table
+
+    rig = read_rig(options.rig)
+    table = read_table(options.data, probes=rig.model.layout.probes)
+    for note in table.notes:
+        print(f"rotorjax: note: {note}", file=sys.stderr)
+    return rig, rig.measurement(table, options.data)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    _compute()
+    from rotorjax.discovery.story import tell
+    from rotorjax.report import comparison_json, comparison_text
+
+    rig, measurement = _read(options)
+    additions, fixed = parse_effects(options.effect, rig.model.with_orders(measurement.orders))
+    story = tell(rig.model, measurement, additions, fixed=fixed)
+    print(comparison_text(story))
+    if options.write_rig:
+        rig.write(options.write_rig, story.final_model)
+    if options.json:
+        _write_json(options.json, comparison_json(story))
+    if options.report:
+        write_report(options.report, story, title=f"{options.data.name} against {options.rig.name}")
+        print(f"\nReport: {options.report}")
+
+
+def write_report(path: Path, story: Any, *, title: str) -> None:
+    """Write the HTML report of a comparison."""
+    from rotorjax.io.files import write_whole
+    from rotorjax.pictures import story_figures
+    from rotorjax.report import html_report
+
+    write_whole(path, html_report(story, title=title, pictures=story_figures))
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    from rotorjax.io.files import write_whole
+
+    write_whole(path, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], frozenset[str]]":
+    """Effects from ``NAME:PARAMETER=VALUE,...`` as the command line gives them, and the keys of the values given."""
+    from rotorjax.effects import CATALOG
+    from rotorjax.io.rig import effect_from_labels
+    from rotorjax.io.section import nearest
+
+    effects, fixed, problems = [], set(), []
+    for text in texts:
+        name, _, assignments = text.partition(":")
+        if name not in CATALOG:
+            problems.append(f"--effect {text}: unknown effect {name!r}; {nearest(name, CATALOG)}")
+            continue
+        labels = [label for p in CATALOG[name].parameters() for label in p.labels(model.layout)]
+        given: dict[str, float] = {}
+        for assignment in filter(None, assignments.split(",")):
+            parameter, _, value = assignment.partition("=")
+            matching = [label for label in labels if label == parameter or label.startswith(f"{parameter}.")]
+            if not matching:
+                problems.append(f"--effect {text}: {name} has no parameter {parameter!r}; {nearest(parameter, labels)}")
+            try:
+                number = float(value)
+                if not abs(number) < float("inf"):
+                    raise ValueError(value)
+            except ValueError:
+                problems.append(f"--effect {text}: {value!r} is not a finite number; write {parameter}=1.5")
+                continue
+            given.update(dict.fromkeys(matching, number))
+        fixed |= {f"{name}.{label}" for label in given}
+        effects.append(effect_from_labels(CATALOG[name], model.layout, given))
+    if problems:
+        raise InputError(*problems)
+    return effects, frozenset(fixed)
+
+
+def _diagnose(options: argparse.Namespace) -> None:
+    _compute()
+    from rotorjax.inverse import diagnose
+    from rotorjax.report import diagnosis_json, diagnosis_table, measurement_line
+
+    rig, measurement = _read(options)
+    try:
+        diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
+    except ValueError as error:
+        raise InputError(f"{options.data}: {error}") from error
+    print(measurement_line(measurement), diagnosis_table(diagnosis, rig.convention).text(), sep="\n\n")
+    if options.json:
+        _write_json(options.json, diagnosis_json(diagnosis, rig.convention))
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    _compute()
+    from rotorjax.io.rig import read_measurement, read_rig
+    from rotorjax.simulate import noisy, plan_like, plan_speeds
+
+
+
+    rig = read_rig(options.rig)
+    if not 0.0 <= options.noise_um < float("inf"):
+        raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
+    if options.like:
+        plan = plan_like(read_measurement(options.like, rig))
+    else:
+        plan = plan_speeds(rig, options.speeds, options.orders or "1")
+    model = rig.model.with_orders(plan.orders)
+    additions, _ = parse_effects(options.effect, model)
+    made = noisy(sum(additions, model), plan, noise_um=options.noise_um, seed=options.seed)
+    rig.write_measurement(options.output, made)
+    print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
+
+
+def _effects(options: argparse.Namespace) -> None:
+    from importlib.resources import files
+
+    from rotorjax.tables import Table
+
+    catalogue = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
+    if options.name is None:
+        rows = [[effect["family"], name, effect["meaning"]] for name, effect in catalogue.items()]
+        note = "\n`rotorjax effects NAME` shows its equation, parameters, prior scales and source."
+        print(Table("", ["family", "effect", "what it is"], rows, note).text())
+    elif options.name in catalogue:
+        print(catalogue[options.name]["page"])
+    else:
+        from rotorjax.io.section import nearest
+
+        raise InputError(f"unknown effect {options.name!r}; {nearest(options.name, catalogue)}")
+
+
+def _example(options: argparse.Namespace) -> None:
+    from rotorjax.data.example import write_example
+
+    print(write_example(options.folder))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

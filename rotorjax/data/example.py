@@ -1,0 +1,47 @@
+"""The example that ``rotorjax example DIR`` writes: a table, a rig file and what to type."""
+
+from importlib.resources import files
+from pathlib import Path
+
+from rotorjax.errors import InputError
+from rotorjax.io.files import write_whole
+
+FILES = ("measurement.csv", "rig.toml")
+GUIDE = """Written to {folder}: measurement.csv (vibration vectors), rig.toml (the rotor, its probes and runs).
+The data hide effects that the rig file does not have. Type, one after the other:
+
+  rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml
+      where the model fails, in micrometres and in standard errors
+
+  rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml --effect residual_unbalance
+      add an effect by name: fitted, with the error before and after
+
+  rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml --effect residual_unbalance --effect cross_coupling \\
+      --report {folder}/report.html --write-rig {folder}/fitted.toml
+      a second one; a report with pictures, and the fitted model as a rig file
+
+  rotorjax diagnose {folder}/measurement.csv --rig {folder}/fitted.toml --reference baseline
+      unbalance and bow of every run; what the baseline has is inherent and taken off the others
+
+  rotorjax effects
+      everything that can be added
+
+Then put your own vectors and your own rotor into the two files.
+"""
+
+
+def write_example(folder: Path) -> str:
+    """Write the example's files into a folder, which is made if it is missing. **Returns** what to type.
+
+    **Errors.** `InputError` if a file of that name is there already, or the folder cannot be made.
+    """
+    taken = [name for name in FILES if (folder / name).exists()]
+    if taken:
+        raise InputError(f"{folder / taken[0]}: exists already; give an empty folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror or error}); choose another folder") from error
+    for name in FILES:
+        write_whole(folder / name, (files("rotorjax") / "data" / "example" / name).read_text(encoding="utf-8"))
+    return GUIDE.format(folder=folder)

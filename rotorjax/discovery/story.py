@@ -1,0 +1,80 @@
+"""The whole of one comparison: the model as declared, effects added one after the other, what fits as well, what is left."""
+
+import dataclasses
+
+import numpy as np
+
+from rotorjax._core import MICROMETRE
+from rotorjax.discovery.compare import Comparison, compare, compare_vectors
+from rotorjax.discovery.fit import Fit, fit_steps
+from rotorjax.discovery.rivals import Rival, rivals
+from rotorjax.measurement import Measurement
+from rotorjax.model import Effect, Model
+from rotorjax.response import response
+
+CORRELATED = 0.95
+"""Correlation of two estimates above which the data fix a combination of them only."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Story:
+    """A model compared as declared, and after every effect added."""
+
+    model: Model
+    measurement: Measurement
+    declared: Comparison
+    additions: tuple[str, ...]
+    fits: tuple[Fit, ...]
+    """The first with the declared uncertain values alone, then one per addition; empty if nothing was added."""
+    views: tuple[Comparison, ...]
+    """The comparison after each fit."""
+    rivals: tuple[Rival, ...]
+
+    @property
+    def last(self) -> Comparison:
+        return self.views[-1] if self.views else self.declared
+
+    @property
+    def final_model(self) -> Model:
+        return self.fits[-1].model if self.fits else self.model
+
+    def noise_um(self) -> float | None:
+        """Root mean square of pure noise, |z| over the cells [µm]; none where it is unknown."""
+        m = self.measurement
+        if m.sigma is None:
+            return None
+        return float(np.sqrt(2.0 * np.mean(m.sigma[m.present] ** 2)) / MICROMETRE)
+
+    def correlated(self) -> list[tuple[str, str, float]]:
+        """Pairs of fitted parameters that the data fix in combination only, with their correlation."""
+        if not self.fits:
+            return []
+        fitted = self.fits[-1]
+        deviation = np.sqrt(np.diag(fitted.covariance))
+        correlation = fitted.covariance / np.outer(deviation, deviation)
+        entries = {e.entry.unknown: e.entry for e in fitted.estimates}
+        return [
+            (entries[i].key, entries[j].key, float(correlation[i, j]))
+            for i in sorted(entries)
+            for j in sorted(entries)
+            if i < j and abs(correlation[i, j]) > CORRELATED
+        ]
+
+
+def tell(model: Model, measurement: Measurement, additions: list[Effect], *, fixed: frozenset[str] = frozenset()) -> Story:
+    """Compare a model as it is; then add effects one after the other, fitting what is not fixed, and compare again.
+
+    **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value.
+    """
+    names = tuple(effect.name for effect in additions)
+    if not additions:
+        return Story(model, measurement, compare(model, measurement), names, (), (), ())
+    fits = fit_steps(model, additions, measurement, fixed=fixed)
+    views = tuple(compare_vectors(f.predicted, measurement) for f in fits)
+    declared = compare_vectors(_as_declared(fits[0], measurement), measurement)
+    return Story(model, measurement, declared, names, tuple(fits), views, tuple(rivals(fits[-1])))
+
+
+def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:
+    """The prediction before anything was fitted, by the model that is compiled already."""
+    return np.asarray(response(first.stage.space.model, measurement.conditions))

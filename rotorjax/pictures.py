@@ -1,0 +1,92 @@
+"""The pictures of a comparison: which views to draw, from which runs; the drawing itself is in `plots`."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rotorjax import plots
+from rotorjax._core import MICROMETRE
+from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.story import Story
+from rotorjax.model import Conditions
+from rotorjax.report import step_labels, steps
+from rotorjax.response import response
+
+CURVE_POINTS = 241
+MOST_RUNS = 4
+"""Runs in one Bode plot: more cannot be told apart."""
+
+
+def story_figures(story: Story) -> list[tuple[str, Figure]]:
+    """Caption and figure of every view: the fall of the error, Bode, polar, map of residuals."""
+    figures = []
+    if story.fits:
+        figures.append(("The error step by step as effects were added.", _fall(story)))
+    subject = "the model with what was added" if story.fits else "the model"
+    figures.append((f"Amplitude and phase over speed: measured (markers) over {subject} (lines).", _bode(story)))
+    figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
+    figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.fits else "") + "; grey: not measured.", _maps(story)))
+    return figures
+
+
+def _fall(story: Story) -> Figure:
+    labels = [label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)]
+    rows = steps(story)
+    drawn, (axes,) = plots.figure(max(6.0, 1.5 * len(rows)), 3.6)
+    held = [f.held_out_rms / MICROMETRE if f and f.held_out_rms is not None else None for _, f in rows]
+    plots.error_fall(axes, labels, [view.rms / MICROMETRE for view, _ in rows], held, noise_um=story.noise_um())
+    return drawn
+
+
+def shown_runs(view: Comparison) -> list[str]:
+    """Runs for a Bode plot, spread from the least to the largest measured vibration."""
+    m = view.measurement
+    sizes = [float(np.sqrt(np.mean(np.abs(m.vectors[m.run == k][m.present[m.run == k]]) ** 2))) for k in range(len(m.runs))]
+    ranked = np.argsort(sizes)
+    picked = np.unique(np.linspace(0, len(ranked) - 1, min(MOST_RUNS, len(ranked))).round().astype(int))
+    return [m.runs[k] for k in ranked[picked][::-1]]
+
+
+def _bode(story: Story) -> Figure:
+    view, m = story.last, story.measurement
+    runs = shown_runs(view)
+    low, high = float(m.speed_rpm.min()), float(m.speed_rpm.max())
+    margin = 0.08 * high if high - low < 0.02 * high else 0.15 * (high - low)
+    speeds = np.linspace(max(low - margin, 0.02 * low), high + margin, CURVE_POINTS)
+    model = story.final_model.with_orders(m.orders)
+    curves = {}
+    for run in runs:
+        case = int(np.argmax(m.run == m.runs.index(run)))
+        conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
+        curves[run] = np.asarray(response(model, conditions))
+    order = 1.0 if 1.0 in m.orders else m.orders[0]
+    drawn, axes = plots.figure(4.6 * len(m.probes), 5.4, 2, len(m.probes))
+    for k, probe in enumerate(m.probes):
+        amplitude, phase = axes[k], axes[len(m.probes) + k]
+        lines = {run: curve[:, k, m.orders.index(order)] for run, curve in curves.items()}
+        plots.bode(amplitude, phase, view, runs, probe=probe, order=order, speeds_rpm=speeds, curves=lines)
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=len(runs), fontsize=8)
+    return drawn
+
+
+def _polar(story: Story) -> Figure:
+    m = story.measurement
+    order = 1.0 if 1.0 in m.orders else m.orders[0]
+    drawn, axes = plots.figure(4.6 * len(m.probes), 4.6, 1, len(m.probes))
+    for each, probe in zip(axes, m.probes, strict=True):
+        plots.polar(each, story.last, probe=probe, order=order)
+    axes[0].legend(fontsize=8)
+    return drawn
+
+
+def _maps(story: Story) -> Figure:
+    views = [("as declared", story.declared), *([("with what was added", story.last)] if story.fits else [])]
+    height = max(2.6, 0.6 + 0.2 * len(story.measurement.runs))
+    drawn, axes = plots.figure(5.0 * len(views), height, 1, len(views))
+    sizes = np.concatenate([np.abs(v.residual[v.present]) for _, v in views]) / MICROMETRE
+    positive = sizes[sizes > 0.0]
+    limits = (float(np.quantile(positive, 0.05)), float(positive.max()) * 1.0001) if len(positive) else None
+    for each, (title, view) in zip(axes, views, strict=True):
+        plots.residual_map(each, view, limits_um=limits)
+        each.set_title(title, fontsize=10)
+    return drawn

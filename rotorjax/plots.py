@@ -1,0 +1,118 @@
+"""Pictures: every function draws on the axes it is given and returns them. Amplitudes in µm, speeds in rpm."""
+
+import numpy as np
+from jaxtyping import Complex, Float
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from rotorjax._core import MICROMETRE
+from rotorjax.discovery.compare import Comparison
+
+COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
+"""Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
+
+
+def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure with its axes, row by row, laid out so that labels do not overlap. Sizes in inches."""
+    drawn = Figure(figsize=(width, height), layout="constrained")
+    return drawn, list(drawn.subplots(rows, columns, squeeze=False).ravel())
+
+
+def bode(
+    amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float, speeds_rpm: Float[np.ndarray, "speed"],
+    curves: dict[str, Complex[np.ndarray, "speed"]],
+) -> tuple[Axes, Axes]:  # fmt: skip
+    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run.
+
+    **Arguments:** ``curves``: the model's vectors [m] of this probe and order at ``speeds_rpm``, by run.
+    """
+    m = view.measurement
+    k, n = m.probes.index(probe), m.orders.index(order)
+    for colour, run in zip(COLOURS, runs, strict=False):
+        cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
+        z = view.measured[cases, k, n] / MICROMETRE
+        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", color=colour, label=f"{run} measured")
+        phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", color=colour)
+        curve = curves[run] / MICROMETRE
+        amplitude.plot(speeds_rpm, np.abs(curve), "-", color=colour, linewidth=1.2, label=f"{run} model")
+        angle = np.degrees(np.angle(curve))
+        angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan
+        phase.plot(speeds_rpm, angle, "-", color=colour, linewidth=1.2)
+    amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)", ylim=(0.0, None))
+    phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm", ylim=(-185, 185), yticks=[-180, -90, 0, 90, 180])
+    for axes in (amplitude, phase):
+        axes.grid(alpha=0.3)
+    return amplitude, phase
+
+
+def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
+    """Measured vectors in the complex plane as markers, each with a line to where the model puts it."""
+    m = view.measurement
+    k, n = m.probes.index(probe), m.orders.index(order)
+    cases = m.present[:, k, n]
+    z, model = view.measured[cases, k, n] / MICROMETRE, view.predicted[cases, k, n] / MICROMETRE
+    axes.plot(np.stack([z.real, model.real]), np.stack([z.imag, model.imag]), "-", color="0.6", linewidth=0.8, zorder=1)
+    axes.plot(model.real, model.imag, "x", color=COLOURS[1], markersize=5, label="model", zorder=2)
+    axes.plot(z.real, z.imag, "o", color=COLOURS[0], markersize=4, label="measured", zorder=3)
+    axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.set(xlabel=f"{probe} {order:g}X in phase, µm", ylabel="90° ahead, µm")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float] | None = None) -> Axes:
+    """|residual| [µm] as a map: runs down, speed and probe across; grey where nothing was measured."""
+    m = view.measurement
+    cluster, speeds = m.speed_cluster()
+    columns = [(s, k, n) for n in range(len(m.orders)) for s in range(len(speeds)) for k in range(len(m.probes))]
+    grid = np.full((len(m.runs), len(columns)), np.nan)
+    for j, (s, k, n) in enumerate(columns):
+        for run in range(len(m.runs)):
+            cases = (cluster == s) & (m.run == run) & m.present[:, k, n]
+            if cases.any():
+                grid[run, j] = np.sqrt(np.mean(np.abs(view.residual[cases, k, n]) ** 2)) / MICROMETRE
+    low, high = limits_um or _positive_range(grid)
+    image = axes.imshow(np.maximum(grid, low), aspect="auto", cmap="YlOrRd", norm=LogNorm(low, high), interpolation="none")
+    axes.set_facecolor("0.85")
+    several = len(m.orders) > 1
+    labels = [f"{m.probes[k]} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns]
+    step = max(1, len(columns) // 24)
+    axes.set_xticks(range(0, len(columns), step), labels[::step], rotation=90 if len(columns) > 6 else 0, fontsize=7)
+    step = max(1, len(m.runs) // 30)
+    axes.set_yticks(range(0, len(m.runs), step), m.runs[::step], fontsize=7)
+    axes.set(xlabel="probe and speed, rpm")
+    if axes.figure is not None:
+        axes.figure.colorbar(image, ax=axes, label="|residual|, µm")
+    return axes
+
+
+def _positive_range(grid: np.ndarray) -> tuple[float, float]:
+    seen = grid[np.isfinite(grid) & (grid > 0.0)]
+    if not len(seen):
+        return 1e-3, 1.0
+    low, high = float(seen.min()), float(seen.max())
+    return (low, high) if high > 1.01 * low else (0.5 * low, 2.0 * low)
+
+
+def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None) -> Axes:
+    """The error step by step as effects were added, with the error on held-out data and the level of the noise."""
+    at = np.arange(len(labels))
+    axes.bar(at, rms_um, width=0.6, color=COLOURS[0], label="all data")
+    held = [(x, h) for x, h in zip(at, held_out_um, strict=True) if h is not None]
+    if held:
+        axes.plot(*zip(*held, strict=True), "D", color=COLOURS[1], markersize=7, label="held out")
+    if noise_um is not None:
+        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise of the table")
+    for x, value in zip(at, rms_um, strict=True):
+        axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(0, -14), ha="center", fontsize=8, color="white")
+    axes.set_yscale("log")
+    floor = min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])])
+    axes.set_ylim(max(floor, 1e-9) / 2.0, max(max(rms_um), 1e-9) * 3.0)
+    axes.set_xticks(at, labels, fontsize=8)
+    axes.set(ylabel="rms |residual|, µm")
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(axis="y", alpha=0.3)
+    return axes

@@ -1,0 +1,32 @@
+"""Every test runs in double precision, with shapes checked, rank promotion refused and warnings as errors."""
+
+import warnings
+
+from jaxtyping import install_import_hook
+
+install_import_hook("rotorjax", "beartype.beartype")
+
+import hypothesis  # noqa: E402
+import jax  # noqa: E402
+import matplotlib  # noqa: E402
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+jax.config.update("jax_enable_x64", True)
+matplotlib.use("Agg")
+hypothesis.settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=30)
+hypothesis.settings.load_profile("seeded")
+warnings.simplefilter("error")
+
+
+@pytest.fixture
+def paper_rotor():
+    """The rig of Huang et al. 2026, table 3, with the mass that reproduces its natural frequencies."""
+    from rotorjax import Jeffcott
+
+    return Jeffcott(0.9686, [56538.0, 51282.0], [0.0050, 0.0047])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20260417)
