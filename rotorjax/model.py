@@ -315,6 +315,10 @@ def _two_probes() -> Probes:
     return Probes(jnp.array([0.0, jnp.pi / 2.0]), jnp.ones(2), jnp.zeros(2))
 
 
+def _float_or_none(value: Numbers | None) -> Array | None:
+    return None if value is None else as_float(value)
+
+
 class Model(eqx.Module):
     """A rotor, how it is read, where weights sit on it, and the effects added to it.
 
@@ -326,7 +330,7 @@ class Model(eqx.Module):
     probes: Probes = eqx.field(default_factory=_two_probes)
     participation: Float[Array, "plane"] = eqx.field(converter=as_float, default_factory=lambda: jnp.ones(1))
     """Mode shape at each balancing plane, relative to the disk."""
-    slow_roll: Float[Array, ""] | None = None
+    slow_roll: Float[Array, ""] | None = eqx.field(converter=_float_or_none, default=None)
     """Speed [rad/s] of the slow roll that was subtracted from every vector, if one was."""
     effects: tuple[Effect, ...] = ()
     layout: Layout = eqx.field(static=True, default=Layout())

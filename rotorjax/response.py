@@ -96,7 +96,7 @@ def _read(model: Model, point: OperatingPoint, motion: Motion) -> Complex[Array,
     total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
     probes: Probes = model.probes
     angle = probes.angle + total.direction
-    seen = motion.disk - probes.on_foundation[:, None] * motion.foundation
+    seen = motion.disk[None, :] - probes.on_foundation[:, None] * motion.foundation[None, :]
     along = jnp.cos(angle) * seen[:, 0] + jnp.sin(angle) * seen[:, 1]
     turned = jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
     return (probes.participation * along + total.runout) * gain * turned

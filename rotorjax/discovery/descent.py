@@ -128,7 +128,7 @@ def _quadratic(space: Space, data: Data, free: Array, training: Array) -> Callab
     def evaluate(unknowns: Array) -> Quadratic:
         slopes, error = jax.jacfwd(lambda u: (residual(space, data, u),) * 2, has_aux=True)(unknowns)
         local = Local(per_case(error), per_case(slopes))
-        error, slopes = local.error * training[:, None], local.slopes * training[:, None, None] * free
+        error, slopes = local.error * training[:, None], local.slopes * training[:, None, None] * free[None, None, :]
         cost = 0.5 * jnp.sum(error**2)
         gradient = jnp.einsum("cm,cmp->p", error, slopes)
         hessian = jnp.einsum("cmp,cmq->pq", slopes, slopes)

@@ -342,7 +342,7 @@ def _assemble(rotor: dict[str, Any], probes: dict[str, tuple[float, float, float
         Jeffcott(**rotor),
         Probes(angle, participation, foundation),
         jnp.array(list(planes.values())),
-        None if slow_roll is None else jnp.asarray(slow_roll),
+        slow_roll,
         layout=Layout(tuple(probes), tuple(planes)),
     )
 

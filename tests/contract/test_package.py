@@ -1,0 +1,70 @@
+"""The package's public face and its inner order."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import rotorjax
+
+ROOT = Path(rotorjax.__file__).parent
+LAYERS = [
+    {"errors", "_core", "tables"},
+    {"model"},
+    {"effects"},
+    {"rotor"},
+    {"response"},
+    {"measurement", "io", "simulate"},
+    {"inverse"},
+    {"discovery"},
+    {"plots", "report", "pictures", "catalogue", "data"},
+    {"cli"},
+]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+PUBLIC = {
+    "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation", "ExcitationEffect", "Fault", "Fit",
+    "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",
+    "ReadingEffect", "Rig", "Rival", "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "fit",
+    "fit_steps", "parameter", "read_measurement", "read_rig", "response", "rivals", "tell",
+}  # fmt: skip
+
+
+def test_public_names():
+    assert set(rotorjax.__all__) == PUBLIC
+    assert len(PUBLIC) <= 60
+    for name in PUBLIC:
+        assert getattr(rotorjax, name) is not None
+
+
+def test_imports_point_one_way():
+    for path in ROOT.rglob("*.py"):
+        here = path.relative_to(ROOT).parts[0].removesuffix(".py")
+        if here == "__init__":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rotorjax."):
+                there = node.module.split(".")[1]
+                assert LEVEL[there] <= LEVEL[here], f"{path.name} imports {node.module}"
+
+
+def test_files_stay_readable():
+    for path in ROOT.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert len(text.splitlines()) <= 500, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                assert node.end_lineno - node.lineno < 65, f"{path.name}: {node.name}"
+
+
+def test_matplotlib_and_printing_have_one_home():
+    for path in ROOT.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if path.name not in {"plots.py", "pictures.py"}:
+            assert "matplotlib" not in text.replace("matplotlib figure", ""), path
+        if path.name != "cli.py":
+            assert not any(isinstance(n, ast.Name) and n.id == "print" for n in ast.walk(ast.parse(text))), path
+
+
+def test_import_changes_no_setting_and_loads_no_jax():
+    code = "import sys, rotorjax; assert 'jax' not in sys.modules; rotorjax.Jeffcott; import jax; assert not jax.config.jax_enable_x64"
+    subprocess.run([sys.executable, "-c", code], check=True)

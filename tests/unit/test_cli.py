@@ -1,0 +1,156 @@
+"""The command line: what it prints and writes, exit statuses, nothing half-written."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from helpers import HEADER, RIG, ROWS, write
+from rotorjax.cli import main
+
+
+def run(*arguments) -> int:
+    return main([str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("example") / "new"
+    assert run("example", folder) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def told(example):
+    """The whole of `compare` on the example, once."""
+    status = run(
+        "compare", example / "measurement.csv", "--rig", example / "rig.toml", "--effect", "residual_unbalance", "--effect", "cross_coupling",
+        "--json", example / "c.json", "--report", example / "r.html", "--write-rig", example / "fitted.toml",
+    )  # fmt: skip
+    assert status == 0
+    return json.loads((example / "c.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+def test_example_hides_two_effects_and_compare_finds_their_sizes(told):
+    """Truth of tests/make_example.py: 9 g mm at 50°, 1200 N/m, stiffness along x 1 % up, sigma 0.3 µm."""
+    assert told["before"]["rms_um"] > 80 * told["rms_um"]
+    assert told["reduced_chi2"] == pytest.approx(1.0, abs=0.35)
+    parameters = told["steps"][-1]["parameters"]
+    assert parameters["cross_coupling"]["cross_stiffness_n_per_m"]["value"] == pytest.approx(1200.0, abs=35.0)
+    unbalance = [parameters["residual_unbalance"][f"unbalance_{a}_kg_m"]["value"] * 1e6 for a in "xy"]
+    np.testing.assert_allclose(unbalance, [9 * np.cos(np.radians(50)), 9 * np.sin(np.radians(50))], atol=0.1)
+    assert parameters["stiffness_error"]["error_x"]["value"] == pytest.approx(0.01, abs=0.001)
+    assert [step["added"] for step in told["steps"]] == [None, None, "residual_unbalance", "cross_coupling"]
+    assert told["noise"] == "given"
+    assert {"run", "speed", "probe", "order"} == set(told["share"])
+    assert "within" in told["verdict"] or "what the noise allows" in told["verdict"]
+
+
+def test_written_model_is_taken_by_compare(example, told, capsys):
+    assert run("compare", example / "measurement.csv", "--rig", example / "fitted.toml", "--json", example / "again.json") == 0
+    again = json.loads((example / "again.json").read_text())
+    assert again["rms_um"] == pytest.approx(told["rms_um"], rel=1e-6)
+    assert "within the noise" in capsys.readouterr().out
+
+
+def test_report_is_one_file_without_network(example, told):
+    page = (example / "r.html").read_text()
+    assert told["verdict"].split(".")[0][:40] in page
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert "http" not in page.replace("http-equiv", "")
+    assert page.count("data:image/svg+xml;base64,") == 4
+    assert "<script" not in page
+
+
+def test_diagnose(example, told, capsys):
+    assert run("diagnose", example / "measurement.csv", "--rig", example / "fitted.toml", "--reference", "baseline", "--json", example / "d.json") == 0
+    found = json.loads((example / "d.json").read_text())
+    trial = found["runs"]["trial-b"]
+    assert trial["identifiable"]
+    assert trial["unbalance_g_mm"]["value"] == pytest.approx(30.0, abs=0.5)
+    assert trial["unbalance_g_mm"]["angle_deg"] == pytest.approx(120.0, abs=1.0)
+    assert set(found["inherent"]) == set(trial)
+    assert "trial-b" in capsys.readouterr().out
+
+
+def test_simulate_like_and_compare(example, capsys):
+    table = example / "sim.csv"
+    like = ("simulate", "--rig", example / "rig.toml", "--like", example / "measurement.csv", "--output", table)
+    assert run(*like, "--effect", "cross_coupling:cross_stiffness_n_per_m=858", "--noise-um", "0.2", "--seed", "3") == 0
+    first = table.read_text()
+    assert run(*like, "--effect", "cross_coupling:cross_stiffness_n_per_m=858", "--noise-um", "0.2", "--seed", "3") == 0
+    assert table.read_text() == first
+    assert first.splitlines()[0] == HEADER
+    given = ("compare", table, "--rig", example / "rig.toml", "--effect", "cross_coupling:cross_stiffness_n_per_m=858")
+    assert run(*given, "--json", example / "s.json") == 0
+    assert json.loads((example / "s.json").read_text())["reduced_chi2"] == pytest.approx(1.0, abs=0.35)
+    assert "cross_coupling.cross_stiffness" not in capsys.readouterr().out, "a given value is not fitted"
+
+
+def test_simulate_speeds_without_noise(tmp_path):
+    _, toml = write(tmp_path)
+    assert run("simulate", "--rig", toml, "--speeds", "600:900:3", "--orders", "1,2", "--output", tmp_path / "s.csv") == 0
+    lines = (tmp_path / "s.csv").read_text().splitlines()
+    assert lines[0] == HEADER.replace(",sigma_um", "")
+    assert len(lines) == 1 + 2 * 3 * 2 * 2
+
+
+def test_effects_and_version(capsys):
+    assert run("effects") == 0
+    assert run("effects", "foundation") == 0
+    out = capsys.readouterr().out
+    assert "residual_unbalance" in out
+    assert "Kirk, Gunter" in out
+    with pytest.raises(SystemExit) as ended:
+        run("--version")
+    assert ended.value.code == 0
+    assert re.fullmatch(r"rotorjax \d+\.\d+\.\d+", capsys.readouterr().out.strip())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["effects", "cross"], "did you mean 'cross_coupling'?"),
+        (["compare", "{data}", "--rig", "{rig}", "--effect", "cros_coupling"], "unknown effect 'cros_coupling'; did you mean 'cross_coupling'?"),
+        (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:eror=0.1"], "mass_error has no parameter 'eror'; did you mean 'error'?"),
+        (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:error=big"], "'big' is not a finite number"),
+        (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:error"], "'' is not a finite number"),
+        (["compare", "{data}", "--rig", "none.toml"], "none.toml: No such file"),
+        (["diagnose", "{data}", "--rig", "{rig}", "--reference", "trial-z"], "reference run 'trial-z' is not in the table"),
+        (["simulate", "--rig", "{rig}", "--speeds", "600-900", "--output", "{new}"], "--speeds 600-900: write LOW:HIGH:COUNT"),
+        (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--orders", "one", "--output", "{new}"], "--orders one"),
+        (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--noise-um", "-1", "--output", "{new}"], "--noise-um -1.0"),
+        (["example", "{folder}"], "exists already"),
+    ],
+)
+def test_bad_input(tmp_path, capsys, arguments, words):
+    data, toml = write(tmp_path)
+    taken = tmp_path / "taken"
+    taken.mkdir()
+    (taken / "rig.toml").write_text("mine")
+    new = tmp_path / "new.csv"
+    filled = [a.format(data=data, rig=toml, new=new, folder=taken) for a in arguments]
+    assert run(*filled) == 2
+    caught = capsys.readouterr()
+    assert words in caught.err
+    assert "Traceback" not in caught.err
+    assert not new.exists()
+    assert (taken / "rig.toml").read_text() == "mine"
+
+
+def test_bad_table_writes_nothing(tmp_path, capsys):
+    data, toml = write(tmp_path, table=f"{HEADER}\n{ROWS[0]}\nbaseline,1500,Q,1,1,0,0.3\n")
+    outputs = [tmp_path / name for name in ("c.json", "r.html", "n.toml")]
+    assert run("compare", data, "--rig", toml, "--json", outputs[0], "--report", outputs[1], "--write-rig", outputs[2]) == 2
+    assert "data.csv:3: column 3 (probe): unknown probe 'Q'" in capsys.readouterr().err
+    assert not any(path.exists() for path in outputs)
+
+
+def test_text_from_files_is_escaped(tmp_path):
+    name = "<script>alert(1)</script>"
+    rig = RIG.replace("[runs.baseline]", f'[runs."{name}"]')
+    data, toml = write(tmp_path, rig=rig, table="\n".join([HEADER, *(row.replace("baseline", name) for row in ROWS)]))
+    assert run("compare", data, "--rig", toml, "--report", tmp_path / "r.html") == 0
+    page = (tmp_path / "r.html").read_text()
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page

@@ -1,0 +1,130 @@
+"""Comparison, noise and what is known of it, in small cases worked out by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from rotorjax import Conditions, Jeffcott, Knowledge, Measurement, Model, Probes, compare, effects, fit, response
+from rotorjax.discovery.compare import compare_vectors
+from rotorjax.discovery.descent import make_folds
+from rotorjax.discovery.noise import infer_run_scatter
+from rotorjax.measurement import cluster_speeds
+
+
+def measurement_of(z, *, sigma=1e-6, orders=(1.0,), runs=None, speeds=None, **changes) -> Measurement:
+    z = np.asarray(z, complex)
+    runs = np.zeros(len(z), int) if runs is None else np.asarray(runs)
+    speeds = 1000.0 + 100.0 * np.arange(len(z)) if speeds is None else speeds
+    names = tuple("abcdefghijklmnopqrstuvwxyz"[: runs.max() + 1])
+    given = None if sigma is None else np.full(z.shape, sigma)
+    made = Measurement(
+        names, ("X", "Y"), orders, runs, ("",) * len(z), Conditions.at_rpm(speeds), z, np.ones(z.shape, bool), given, "given" if sigma else "unknown"
+    )
+    return dataclasses.replace(made, **changes)
+
+
+def test_residuals_and_where():
+    z = np.array([[[3e-6 + 4e-6j], [0.0]], [[1e-6], [1e-6j]]])
+    view = compare_vectors(np.zeros_like(z, complex), measurement_of(z))
+    assert view.rms == pytest.approx(np.sqrt((25 + 0 + 1 + 1) / 4) * 1e-6)
+    assert view.reduced_chi2 == pytest.approx(27 / 8)
+    worst = view.where()[0]
+    assert (worst.run, worst.probe, worst.residual_um, worst.standardised) == ("a", "X", pytest.approx(5.0), pytest.approx(5.0))
+    assert worst.amplitude_ratio == 0.0
+    assert worst.phase_error_deg is None
+    share = view.share()
+    assert share["probe"] == pytest.approx({"X": 26 / 27, "Y": 1 / 27})
+    assert share["speed"] == pytest.approx({"1000": 25 / 27, "1100": 2 / 27})
+
+
+def test_amplitude_ratio_and_phase_error():
+    z = np.array([[[2e-6], [2e-6]]])
+    cell = compare_vectors(z * 1.1 * np.exp(0.1j), measurement_of(z)).where()[0]
+    assert cell.amplitude_ratio == pytest.approx(1.1)
+    assert cell.phase_error_deg == pytest.approx(np.degrees(0.1))
+
+
+def test_unknown_noise_and_absent_cells():
+    z = np.array([[[2e-6], [1e-6]]])
+    present = np.array([[[True], [False]]])
+    view = compare_vectors(np.zeros_like(z, complex), measurement_of(z, sigma=None, present=present))
+    assert view.reduced_chi2 is None
+    assert view.where()[0].standardised is None
+    assert view.rms == pytest.approx(2e-6)
+    assert len(view.where()) == 1
+
+
+def test_half_orders_are_compared_up_to_their_sign():
+    z = np.array([[[1e-6 + 1e-6j], [2e-6]]])
+    view = compare_vectors(-z, measurement_of(z, orders=(0.5,)))
+    assert view.rms == pytest.approx(0.0, abs=1e-20)
+
+
+def test_order_zero_counts_once():
+    z = np.array([[[1e-6], [-1e-6]]])
+    view = compare_vectors(np.zeros_like(z, complex), measurement_of(z, orders=(0.0,)))
+    assert view.reduced_chi2 == pytest.approx(1.0)
+
+
+def test_tolerance_widens_the_noise():
+    z = np.array([[[30e-6], [40e-6]]])
+    knowledge = Knowledge(tolerance=0.1)
+    weight = measurement_of(z, sigma=1e-6, knowledge=knowledge).weights(0.0)
+    np.testing.assert_allclose(weight, 1.0 / np.sqrt(1e-12 + 25e-12))
+
+
+def test_probes_must_match(paper_rotor):
+    model = Model(paper_rotor, Probes([0.0], [1.0], [0.0]), layout=Model(paper_rotor).layout._replace(probes=("X",)))
+    with pytest.raises(ValueError, match="the model has probes"):
+        compare(model, measurement_of([[[1e-6], [1e-6]]]))
+
+
+def test_speeds_within_two_percent_are_one():
+    index, speeds = cluster_speeds(np.array([1500.0, 1001.0, 1000.0, 1510.0, 1019.0]))
+    np.testing.assert_array_equal(index, [1, 0, 0, 1, 0])
+    np.testing.assert_allclose(speeds, [1006.67, 1505.0], rtol=1e-3)
+
+
+def test_folds():
+    five = measurement_of(np.ones((10, 2, 1)), runs=np.repeat(np.arange(5), 2))
+    assert make_folds(five)[0].shape == (5, 10)
+    few = measurement_of(np.ones((2, 2, 1)), runs=[0, 1])
+    folds, reason = make_folds(dataclasses.replace(few, conditions=Conditions.at_rpm([1000.0, 1001.0])))
+    assert len(folds) == 0
+    assert "take five runs or three speeds" in reason
+    speeds = measurement_of(np.ones((4, 2, 1)))
+    assert make_folds(speeds)[0].sum() == 4
+
+
+def test_scatter_between_runs_is_found(paper_rotor, rng):
+    """A random unbalance of 2 g mm per component in each of 24 runs."""
+    count = 24
+    runs = np.repeat(np.arange(count), 2)
+    speeds = np.tile([1200.0, 1700.0], count)
+    random = rng.normal(0.0, 2e-6, (count, 1, 2))[runs]
+    z = np.asarray(response(paper_rotor, Conditions.at_rpm(speeds, unbalance=random)))
+    sigma = 0.05e-6
+    z = z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    measurement = measurement_of(z, sigma=sigma, runs=runs, speeds=speeds)
+    found = infer_run_scatter(measurement, Model(paper_rotor), z)
+    assert found.unbalance_kg_m == pytest.approx(2e-6, rel=0.25)
+    assert found.share > 0.95
+    quiet = infer_run_scatter(measurement, Model(paper_rotor), z - z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape)))
+    assert quiet.unbalance_kg_m == 0.0
+
+
+def test_fit_names_what_is_missing(paper_rotor):
+    with pytest.raises(ValueError, match="the model has no 'cross_coupling' to fit"):
+        fit(Model(paper_rotor), measurement_of([[[1e-6], [1e-6]]]), free=("cross_coupling",))
+
+
+@pytest.mark.parametrize("sigma", [1e-9, 1e-3, None])
+def test_hopeless_data_get_a_verdict(sigma):
+    """One run, one speed, all zero, sigma far off or absent: finite numbers and a result, no traceback."""
+    rotor = Jeffcott(1.0, 5e4, 0.02)
+    for z in (np.zeros((1, 2, 1)), np.full((1, 2, 1), 1e-6 + 1e-6j)):
+        found = fit(rotor + effects.ResidualUnbalance(), measurement_of(z, sigma=sigma))
+        assert found.result
+        assert found.held_out_rms is None
+        assert found.held_out_reason
+        assert all(np.isfinite([e.value, e.standard_error]).all() for e in found.estimates)
