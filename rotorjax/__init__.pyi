@@ -1,4 +1,3 @@
-
 from . import effects as effects
 from .discovery.compare import Cell as Cell
 from .discovery.compare import Comparison as Comparison

@@ -23,8 +23,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
-from jaxtyping import ArrayLike, Bool, Float, Int
+from jaxtyping import ArrayLike, Bool, Complex, Float, Int
 
 Numbers = ArrayLike | Sequence[Any]
 """What a user may hand over for an array: a number, nested lists, any array."""
@@ -169,6 +170,11 @@ def levenberg_marquardt(
 def real_pair(vector: Array) -> Float[Array, "*shape 2"]:
     """Complex array -> real array with real and imaginary part along a last axis."""
     return jnp.stack([vector.real, vector.imag], axis=-1)
+
+
+def numpy_pair(vector: Complex[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape 2"]:
+    """`real_pair` outside compiled code."""
+    return np.stack([np.real(vector), np.imag(vector)], axis=-1)
 
 
 def as_float(value: Numbers) -> Array:

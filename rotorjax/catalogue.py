@@ -1,6 +1,6 @@
 """The catalogue of effects as text: made from the classes, kept in a file, printed without loading JAX.
 
-    python -m rotorjax.catalogue        writes data/catalogue.json anew; a test says when that is due
+python -m rotorjax.catalogue        writes data/catalogue.json anew; a test says when that is due
 """
 
 import inspect

@@ -202,18 +202,13 @@ def _simulate(options: argparse.Namespace) -> None:
     from rotorjax.io.rig import read_measurement, read_rig
     from rotorjax.simulate import noisy, plan_like, plan_speeds
 
-
-
     rig = read_rig(options.rig)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
-    if options.like:
-        plan = plan_like(read_measurement(options.like, rig))
-    else:
-        plan = plan_speeds(rig, options.speeds, options.orders or "1")
+    plan = plan_like(read_measurement(options.like, rig)) if options.like else plan_speeds(rig, options.speeds, options.orders or "1")
     model = rig.model.with_orders(plan.orders)
     additions, _ = parse_effects(options.effect, model)
-    made = noisy(sum(additions, model), plan, noise_um=options.noise_um, seed=options.seed)
+    made = noisy(model.plus(additions), plan, noise_um=options.noise_um, seed=options.seed)
     rig.write_measurement(options.output, made)
     print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
 

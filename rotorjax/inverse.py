@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float
 
-from rotorjax._core import MICROMETRE, RPM
+from rotorjax._core import MICROMETRE, RPM, numpy_pair
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model
 from rotorjax.response import response
@@ -30,10 +30,12 @@ class Fault(NamedTuple):
 
     @property
     def magnitude(self) -> float:
+        """Length of the vector, SI."""
         return float(np.hypot(*self.pair))
 
     @property
     def angle_deg(self) -> float:
+        """Angle from +x in the sense of rotation."""
         return math.degrees(math.atan2(self.pair[1], self.pair[0]))
 
     @property
@@ -51,6 +53,7 @@ class Fault(NamedTuple):
 
     @property
     def largest_error(self) -> float:
+        """Standard error along the worst direction; infinite if nothing determines it."""
         return math.inf if self.covariance is None else float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
 
     def _error_along(self, direction: np.ndarray) -> float:
@@ -102,7 +105,7 @@ def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray,
     none = _response_to(model, conditions, zero, zero)
     faults = [(axis, zero) for axis in unit] + [(zero, axis) for axis in unit]
     columns = [_response_to(model, conditions, unbalance, bow) - none for unbalance, bow in faults]
-    return np.stack([np.stack([c.real, c.imag], axis=-1) for c in columns], axis=-1)
+    return np.stack([numpy_pair(c) for c in columns], axis=-1)
 
 
 def _response_to(model: Model, conditions: Conditions, unbalance: np.ndarray, bow: np.ndarray) -> Complex[np.ndarray, "case probe order"]:
@@ -150,7 +153,7 @@ def _solve_runs(model: Model, measurement: Measurement) -> Iterator[_Solution]:
         cases = measurement.run == run
         w = weight[cases].ravel()
         z = driven[cases, :, first]
-        yield _solve(slopes[cases].reshape(-1, 4)[w > 0], np.stack([z.real, z.imag], -1).ravel()[w > 0], w[w > 0], known)
+        yield _solve(slopes[cases].reshape(-1, 4)[w > 0], numpy_pair(z).ravel()[w > 0], w[w > 0], known)
 
 
 def _solve(slopes: np.ndarray, right: np.ndarray, weight: np.ndarray, known: bool) -> _Solution:

@@ -62,7 +62,7 @@ class Knowledge:
     """Effect -> parameter -> prior standard deviation in SI, instead of the declared one."""
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
-    limits: Limits = Limits()
+    limits: Limits = dataclasses.field(default_factory=Limits)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +86,7 @@ class Measurement:
 
     @property
     def speed_rpm(self) -> Float[np.ndarray, "case"]:
+        """Speed of every case."""
         return np.asarray(self.conditions.speed) / RPM
 
     @property

@@ -6,9 +6,10 @@ reference. ``f = (1, -i)`` is the forward circular motion of a shaft that turns 
 
 import abc
 import dataclasses
+import functools
 import math
-from collections.abc import Iterator
-from typing import Any, ClassVar, Literal, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,6 +19,12 @@ from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax._core import RPM, Numbers, Unit, as_float, unit_of
+
+if TYPE_CHECKING:
+    # A type checker takes equinox's own for instance variables.
+    from typing import ClassVar as AbstractClassVar
+else:
+    from equinox import AbstractClassVar
 
 Family = Literal["excitation", "structure", "restoring", "reading"]
 Axis = Literal["probe", "order", "plane"]
@@ -53,6 +60,7 @@ class Parameter(NamedTuple):
 
     @property
     def unit(self) -> Unit:
+        """Declared by the ending of the name."""
         return unit_of(self.name)
 
     def prior_scale(self, rotor: "AbstractRotor") -> float:
@@ -60,6 +68,7 @@ class Parameter(NamedTuple):
         return self.scale * rotor.quantities()[self.of]
 
     def shape(self, layout: Layout) -> tuple[int, ...]:
+        """One length per axis."""
         return tuple(len(layout.names(axis)) for axis in self.axes)
 
     def labels(self, layout: Layout) -> list[str]:
@@ -157,11 +166,11 @@ class Effect(eqx.Module):
     or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `ReadingEffect`.
     """
 
-    name: eqx.AbstractClassVar[str]
-    family: eqx.AbstractClassVar[Family]
-    meaning: eqx.AbstractClassVar[str]
+    name: AbstractClassVar[str]
+    family: AbstractClassVar[Family]
+    meaning: AbstractClassVar[str]
     """One line: what this is on a real machine."""
-    source: eqx.AbstractClassVar[str]
+    source: AbstractClassVar[str]
     """Where the equation is from."""
     starts: ClassVar[tuple[dict[str, float], ...]] = ({},)
     """Starting points of a fit, in prior scales; a parameter that is not named starts at its null."""
@@ -347,6 +356,10 @@ class Model(eqx.Module):
         others = [e for e in self.effects if e.name != effect.name]
         return self._with_effects([*others, sized])
 
+    def plus(self, effects: Iterable[Effect]) -> "Model":
+        """The model with several effects added."""
+        return functools.reduce(Model.__add__, effects, self)
+
     def __contains__(self, name: str) -> bool:
         return self.find(name) is not None
 
@@ -371,11 +384,12 @@ class Model(eqx.Module):
     def _reordered(self, effect: Effect, orders: tuple[float, ...]) -> Iterator[Array]:
         old = self.layout.orders
         for declared, value in zip(effect.parameters(), effect.values(), strict=True):
-            if "order" in declared.axes:
-                axis = declared.axes.index("order")
-                kept = [jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis)) for n in orders]
-                value = jnp.stack(kept, axis)
-            yield value
+            if "order" not in declared.axes:
+                yield value
+                continue
+            axis = declared.axes.index("order")
+            kept = [jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis)) for n in orders]
+            yield jnp.stack(kept, axis)
 
     def _with_effects(self, effects: list[Effect]) -> "Model":
         ordered = tuple(sorted(effects, key=lambda e: e.name))

@@ -109,8 +109,8 @@ def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: 
     for x, value in zip(at, rms_um, strict=True):
         axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(0, -14), ha="center", fontsize=8, color="white")
     axes.set_yscale("log")
-    floor = min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])])
-    axes.set_ylim(max(floor, 1e-9) / 2.0, max(max(rms_um), 1e-9) * 3.0)
+    floor = float(np.min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])]))
+    axes.set_ylim(max(floor, 1e-9) / 2.0, max(1e-9, *rms_um) * 3.0)
     axes.set_xticks(at, labels, fontsize=8)
     axes.set(ylabel="rms |residual|, µm")
     axes.legend(fontsize=8, loc="upper right")

@@ -189,7 +189,9 @@ def _rival_lines(name: str, found: list[Rival]) -> list[str]:
     lines = []
     for rival in found:
         if rival.instead is not None and rival.tied:
-            lines.append(f"{name} ties with {rival.instead}: with the latter instead the fit is as good ({number(rival.rms / MICROMETRE)} µm rms){_why(rival)}.")
+            lines.append(
+                f"{name} ties with {rival.instead}: with the latter instead the fit is as good ({number(rival.rms / MICROMETRE)} µm rms){_why(rival)}."
+            )
     return lines
 
 
@@ -343,8 +345,7 @@ def html_report(story: Story, *, title: str, pictures: Callable[[Story], list[tu
         measurement=measurement_line(story.measurement),
         findings=findings(story),
         tables=tables,
-        where=[worst_cells(story.declared, "Where the model as declared fails")]
-        + ([worst_cells(story.last, "Where it still fails")] if story.fits else []),
+        where=[worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else []),
         shares=share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit"),
         pictures=[Picture(caption, _svg(drawn)) for caption, drawn in pictures(story)],
     )

@@ -5,6 +5,7 @@ support path (stiffnesses summed, turned, in series with a foundation), disk-bor
 """
 
 import functools
+import math
 import operator
 from typing import Any, NamedTuple
 
@@ -75,12 +76,7 @@ def _motion(model: Model, point: OperatingPoint) -> Motion:
     driven = _add(Excitation(), *(e.excitation(point) for e in model.effects if isinstance(e, ExcitationEffect)))
     path, compliance = _path_stiffness(model, point, added)
     damper = jnp.diag(point.rotor.damping) + added.path_damping
-    dynamic = (
-        path
-        + 1j * point.frequency * (damper + added.damping)
-        + added.stiffness
-        - point.frequency**2 * (point.rotor.mass * jnp.eye(2) + added.mass)
-    )
+    dynamic = path + 1j * point.frequency * (damper + added.damping) + added.stiffness - point.frequency**2 * (point.rotor.mass * jnp.eye(2) + added.mass)
     once = point.at_order(1.0)
     offset = driven.offset + once * point.forward(point.bow)
     through = path + 1j * point.frequency * damper if point.rotor.bow_through_damping else path
@@ -92,7 +88,7 @@ def _motion(model: Model, point: OperatingPoint) -> Motion:
 def _read(model: Model, point: OperatingPoint, motion: Motion) -> Complex[Array, "probe"]:
     """Reading in its fixed order: direction, runout, gain, delay, phase reference."""
     readings = [e.reading(point) for e in model.effects if isinstance(e, ReadingEffect)]
-    gain = functools.reduce(operator.mul, (r.gain for r in readings), 1.0)
+    gain: Any = math.prod(r.gain for r in readings)
     total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
     probes: Probes = model.probes
     angle = probes.angle + total.direction
@@ -104,9 +100,7 @@ def _read(model: Model, point: OperatingPoint, motion: Motion) -> Complex[Array,
 
 def _vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
     """Every order of one case."""
-    speed = condition.speed + sum(
-        (e.added_speed(condition.speed) for e in model.effects if isinstance(e, SpeedEffect)), jnp.zeros(())
-    )
+    speed = condition.speed + sum((e.added_speed(condition.speed) for e in model.effects if isinstance(e, SpeedEffect)), jnp.zeros(()))
     orders = jnp.asarray(model.layout.orders, dtype=speed.dtype)
 
     def at_order(order: Float[Array, ""], index: Array) -> Complex[Array, "probe"]:

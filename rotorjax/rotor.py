@@ -3,9 +3,9 @@
 from typing import Any, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.core import Tracer
 from jaxtyping import Float
 
 from rotorjax._core import RPM, Numbers, as_float
@@ -38,11 +38,11 @@ class Jeffcott(AbstractRotor):
     bow_through_damping: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
-        if isinstance(self.mass, jax.core.Tracer) or isinstance(self.stiffness, jax.core.Tracer):
+        if isinstance(self.mass, Tracer) or isinstance(self.stiffness, Tracer):
             return
         if not (self.mass > 0.0 and jnp.all(self.stiffness > 0.0)):
             raise ValueError("mass [kg] and stiffness [N/m] of a rotor must be positive")
-        if not isinstance(self.damping_ratio, jax.core.Tracer) and not jnp.all(self.damping_ratio >= 0.0):
+        if not isinstance(self.damping_ratio, Tracer) and not jnp.all(self.damping_ratio >= 0.0):
             raise ValueError("a damping ratio must not be negative: write an unstable rotor with cross_coupling or internal_damping")
 
     @property
@@ -63,4 +63,4 @@ class Jeffcott(AbstractRotor):
     def from_critical_speed(cls, *, mass: Numbers, critical_speed_rpm: Numbers, damping_ratio: Numbers, **settings: Any) -> "Jeffcott":
         """The rotor whose undamped critical speeds along x and y are these: k = M ω²."""
         stiffness = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2
-        return cls(mass, stiffness, damping_ratio, **settings)
+        return cls(mass, stiffness, damping_ratio, **settings)  # pyright: ignore

@@ -54,6 +54,4 @@ def noisy(model: Model, plan: Measurement, *, noise_um: float, seed: int) -> Mea
     noise = MICROMETRE * noise_um * (parts[..., 0] + 1j * parts[..., 1])
     noise[:, :, np.array(plan.orders) == 0.0] = noise[:, :, np.array(plan.orders) == 0.0].real
     sigma = np.full(vectors.shape, MICROMETRE * noise_um) if noise_um > 0.0 else None
-    return dataclasses.replace(
-        plan, vectors=np.where(plan.present, vectors + noise, 0.0), sigma=sigma, noise="given" if noise_um > 0.0 else "unknown"
-    )
+    return dataclasses.replace(plan, vectors=np.where(plan.present, vectors + noise, 0.0), sigma=sigma, noise="given" if noise_um > 0.0 else "unknown")

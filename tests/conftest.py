@@ -1,15 +1,14 @@
 """Every test runs in double precision, with shapes checked, rank promotion refused and warnings as errors."""
 
-
 from jaxtyping import install_import_hook
 
 install_import_hook("rotorjax", "beartype.beartype")
 
-import hypothesis  # noqa: E402
-import jax  # noqa: E402
-import matplotlib  # noqa: E402
-import numpy as np  # noqa: E402
-import pytest  # noqa: E402
+import hypothesis
+import jax
+import matplotlib
+import numpy as np
+import pytest
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")

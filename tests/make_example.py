@@ -9,6 +9,7 @@ unbalance 9 g mm at 50°, cross-coupled stiffness 1200 N/m, true stiffness 1 % a
 import dataclasses
 
 import numpy as np
+
 from oracle import TimeRotor
 
 WEIGHTS = {"baseline": 0.0, "trial-a": 30e-6, "trial-b": 30e-6 * np.exp(1j * np.radians(120.0))}

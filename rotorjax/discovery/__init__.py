@@ -1,0 +1,1 @@
+"""Finding what a model lacks: comparison, fit, rivals."""

@@ -52,6 +52,7 @@ class Comparison:
 
     @property
     def present(self) -> Bool[np.ndarray, "case probe order"]:
+        """Where something was measured."""
         return self.measurement.present
 
     @property
@@ -125,7 +126,7 @@ def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurem
     measured = measurement.vectors * _half_order_sign(predicted, measurement)
     residual = np.where(measurement.present, measured - predicted, 0.0)
     real_axis = np.array(measurement.orders) == 0.0
-    residual[:, :, real_axis] = residual[:, :, real_axis].real
+    residual[:, :, real_axis] = np.real(residual[:, :, real_axis])
     known = measurement.sigma is not None or measurement.knowledge.tolerance > 0.0
     standardised = np.abs(residual) * measurement.weights(0.0)[..., 0] if known else None
     return Comparison(measurement, measured, predicted, residual, standardised)
@@ -133,6 +134,6 @@ def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurem
 
 def _half_order_sign(predicted: np.ndarray, measurement: Measurement) -> Float[np.ndarray, "case 1 order"]:
     """A once-per-turn reference leaves the sign of half orders open: the one nearer to the model, one per case."""
-    along = np.sum((measurement.vectors * np.conj(predicted)).real * measurement.present, axis=1, keepdims=True)
+    along = np.sum(np.real(measurement.vectors * np.conj(predicted)) * measurement.present, axis=1, keepdims=True)
     half = np.array(measurement.orders) % 1.0 != 0.0
     return np.where(half & (along < 0.0), -1.0, 1.0)

@@ -1,6 +1,7 @@
 """Descents of one least-squares cost from many starts and on many folds, compiled once per shape."""
 
 import itertools
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from rotorjax._core import Descent, Quadratic, levenberg_marquardt, real_pair
+from rotorjax._core import Descent, Quadratic, levenberg_marquardt, numpy_pair, real_pair
 from rotorjax.discovery.noise import scatter_factor
 from rotorjax.discovery.space import Space
 from rotorjax.inverse import fault_sensitivity
@@ -54,7 +55,7 @@ def make_data(measurement: Measurement, model: Model, allowance: float) -> Data:
         scatter = np.zeros((*weight.shape, 0))
     return Data(
         measurement.conditions,
-        jnp.asarray(np.stack([measurement.vectors.real, measurement.vectors.imag], axis=-1)),
+        jnp.asarray(numpy_pair(measurement.vectors)),
         jnp.asarray(weight),
         jnp.asarray(orders % 1.0 != 0.0),
         jnp.asarray(measurement.run),
@@ -112,8 +113,20 @@ def half_order_sign(model: Array, measured: Array, weight: Array, half_order: Ar
 class Local(NamedTuple):
     """Residual in standard errors and its slopes by every unknown, free or not."""
 
-    error: Float[Array, "*start case cell"]
-    slopes: Float[Array, "*start case cell param"]
+    error: Float[np.ndarray, "*case cell"]
+    slopes: Float[np.ndarray, "*case cell param"]
+
+
+class End(NamedTuple):
+    """Where one descent ended."""
+
+    point: Float[np.ndarray, "param"]
+    cost: float
+    hessian: Float[np.ndarray, "param param"]
+    local: Local
+    """On all cases, whichever were trained on."""
+    steps: int
+    result: int
 
 
 def _quadratic(space: Space, data: Data, free: Array, training: Array) -> Callable[[Array], Quadratic]:
@@ -127,8 +140,8 @@ def _quadratic(space: Space, data: Data, free: Array, training: Array) -> Callab
 
     def evaluate(unknowns: Array) -> Quadratic:
         slopes, error = jax.jacfwd(lambda u: (residual(space, data, u),) * 2, has_aux=True)(unknowns)
-        local = Local(per_case(error), per_case(slopes))
-        error, slopes = local.error * training[:, None], local.slopes * training[:, None, None] * free[None, None, :]
+        local = per_case(error), per_case(slopes)
+        error, slopes = local[0] * training[:, None], local[1] * training[:, None, None] * free[None, None, :]
         cost = 0.5 * jnp.sum(error**2)
         gradient = jnp.einsum("cm,cmp->p", error, slopes)
         hessian = jnp.einsum("cmp,cmq->pq", slopes, slopes)
@@ -163,17 +176,25 @@ def descend(
     training: Bool[np.ndarray, "start case"],
     *,
     kept: Float[np.ndarray, "param"] | None = None,
-) -> Descent:
+) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases; batches of `BATCH`, so that it compiles once.
 
-    Unknowns that are not free stay at ``kept``, by default where the model has them. **Returns** a `Descent` whose
-    ``quadratic.extra`` is `Local`, on all cases, whichever were trained on.
+    Unknowns that are not free stay at ``kept``, by default where the model has them. **Returns** one `End` per start.
     """
     begin = np.where(free, starts, space.given_unknowns() if kept is None else kept)
-    batches = []
+    ends = []
     for first in range(0, len(starts), BATCH):
         # The last batch is filled up with copies of its last member: they end together with it.
         index = np.minimum(np.arange(first, first + BATCH), len(starts) - 1)
-        ends = _descents(space, data, jnp.asarray(begin[index]), jnp.asarray(free), jnp.asarray(training[index], dtype=float))
-        batches.append(jax.tree.map(np.asarray, ends))
-    return jax.tree.map(lambda *parts: np.concatenate(parts)[: len(starts)], *batches)
+        found = _descents(space, data, jnp.asarray(begin[index]), jnp.asarray(free), jnp.asarray(training[index], dtype=float))
+        point, quadratic, steps, result = jax.tree.map(np.asarray, found)
+        error, slopes = quadratic.extra
+        for k in range(min(BATCH, len(starts) - first)):
+            cost = float(quadratic.cost[k]) if np.isfinite(quadratic.cost[k]) else math.inf
+            ends.append(End(point[k], cost, quadratic.hessian[k], Local(error[k], slopes[k]), int(steps[k]), int(result[k])))
+    return ends
+
+
+def best_of(ends: list[End]) -> End:
+    """The descent that ended lowest."""
+    return min(ends, key=lambda end: end.cost)

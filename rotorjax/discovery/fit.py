@@ -4,12 +4,11 @@ import dataclasses
 import math
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax._core import CONVERGED, RESULT_TEXT, Descent, require_float64
-from rotorjax.discovery.descent import Data, Local, declared_starts, descend, make_data, make_folds
+from rotorjax._core import CONVERGED, RESULT_TEXT, numpy_pair, require_float64
+from rotorjax.discovery.descent import Data, End, Local, best_of, declared_starts, descend, make_data, make_folds
 from rotorjax.discovery.noise import RunScatter, infer_run_scatter
 from rotorjax.discovery.space import Entry, Space, make_space
 from rotorjax.effects import CATALOG
@@ -78,7 +77,7 @@ class Fit:
     covariance: Float[np.ndarray, "param param"]
     """Posterior covariance of the unknowns."""
     stage: "Stage"
-    descent: Descent
+    end: End
 
     def estimate(self, effect: str, label: str) -> Estimate:
         """The estimate of one entry."""
@@ -121,11 +120,11 @@ def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *
     of adding; ``fixed``: entries of theirs ("probe_angle.angle_rad.X") that keep the value with which they come.
     **Returns** one `Fit` per step, the first without any addition. Errors as for `fit`.
     """
-    everything = sum(additions, model)
+    everything = model.plus(additions)
     fits = []
     for count in range(len(additions) + 1):
         names = tuple(dict.fromkeys(effect.name for effect in additions[:count]))
-        stage = _stage(sum(additions[:count], model), everything, measurement, names, fixed)
+        stage = _stage(model.plus(additions[:count]), everything, measurement, names, fixed)
         fits.append(_fit(stage, held_out=True))
     return fits
 
@@ -154,29 +153,36 @@ def _fit(stage: Stage, *, held_out: bool) -> Fit:
     determined parameters anywhere. The allowance, one isotropic standard error added to the table's, starts at the
     size of the measured vectors and falls to what the fit leaves; it vanishes where the model holds.
     """
-    measurement, free = stage.measurement, stage.free
-    every = np.ones(len(measurement.run), bool)
-    starts = declared_starts(stage.space, free)
-    allowance = max(measurement.rms, LEAST_NOISE)
-    for _ in range(MISFIT_ROUNDS):
-        data = make_data(measurement, stage.space.model, allowance)
-        ends = descend(stage.space, data, starts, free, np.tile(every, (len(starts), 1)))
-        best = best_of(ends)
-        starts = np.where(np.isfinite(ends.quadratic.cost)[:, None], ends.point, starts)
-        found = _misfit(residual_vectors(best.quadratic.extra.error, data), measurement, free)
-        if abs(found - allowance) <= MISFIT_CHANGE * allowance:
+    measurement = stage.measurement
+    now = _round(stage, max(measurement.rms, LEAST_NOISE), declared_starts(stage.space, stage.free))
+    for _ in range(MISFIT_ROUNDS - 1):
+        if abs(now.misfit - now.allowance) <= MISFIT_CHANGE * now.allowance:
             break
-        allowance = found
-    folds, reason = make_folds(measurement) if held_out else (np.ones((0, len(every)), bool), "not asked for")
-    again = descend(stage.space, data, np.tile(best.point, (len(folds), 1)), free, ~folds) if len(folds) else None
-    return _summary(stage, data, best, allowance, _held_out(data, again, folds), reason)
+        now = _round(stage, now.misfit, now.points)
+    folds, reason = make_folds(measurement) if held_out else (np.ones((0, len(measurement.run)), bool), "not asked for")
+    starts = np.tile(now.best.point, (len(folds), 1))
+    again = descend(stage.space, now.data, starts, stage.free, ~folds) if len(folds) else []
+    return _summary(stage, now, _held_out(now.data, again, folds), reason)
 
 
-def best_of(descents: Descent) -> Descent:
-    """The descent that ended lowest."""
-    cost = np.where(np.isfinite(descents.quadratic.cost), descents.quadratic.cost, np.inf)
-    winner = int(np.argmin(cost))
-    return jax.tree.map(lambda a: a[winner], descents)
+class _Round(NamedTuple):
+    """One fit under one allowance for misfit, and the misfit that it found."""
+
+    allowance: float
+    data: Data
+    best: End
+    points: Float[np.ndarray, "start param"]
+    misfit: float
+
+
+def _round(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"]) -> _Round:
+    data = make_data(stage.measurement, stage.space.model, allowance)
+    every = np.ones((len(starts), len(stage.measurement.run)), bool)
+    ends = descend(stage.space, data, starts, stage.free, every)
+    best = best_of(ends)
+    points = np.stack([end.point if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)])
+    misfit = _misfit(residual_vectors(best.local.error, data), stage.measurement, stage.free)
+    return _Round(allowance, data, best, points, misfit)
 
 
 def _misfit(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> float:
@@ -184,7 +190,7 @@ def _misfit(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> flo
     weight = measurement.weights(0.0) if measurement.sigma is not None else None
     counted = np.repeat(measurement.present[..., None], 2, axis=-1)
     freedom = max(1, int(counted.sum()) - int(free.sum()))
-    pairs = np.stack([left.real, left.imag], axis=-1)[counted]
+    pairs = numpy_pair(left)[counted]
     total = float(np.sum(pairs**2)) / freedom
     if weight is None:
         return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
@@ -192,29 +198,29 @@ def _misfit(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> flo
     return math.sqrt(total * (1.0 - 1.0 / chi2)) if chi2 > LARGEST_HEALTHY_CHI2 else 0.0
 
 
-def _summary(stage: Stage, data: Data, best: Descent, allowance: float, held_out: float | None, reason: str) -> Fit:
+def _summary(stage: Stage, now: _Round, held_out: float | None, reason: str) -> Fit:
     space, measurement, free = stage.space, stage.measurement, stage.free
-    local: Local = best.quadratic.extra
-    by_run = whitened_by_run(local, data)
-    covariance = _covariance(best.quadratic.hessian, by_run, free)
+    best, data = now.best, now.data
+    by_run = whitened_by_run(best.local, data)
+    covariance = _covariance(best.hessian, by_run, free)
     fitted = space.model_at(best.point)
-    left = residual_vectors(local.error, data)
+    left = residual_vectors(best.local.error, data)
     return Fit(
         model=_kept(fitted, stage),
         estimates=_estimates(space, best, covariance, free),
         predicted=np.asarray(response(fitted, measurement.conditions)),
-        result=RESULT_TEXT[int(best.result)],
-        converged=int(best.result) == CONVERGED,
-        steps=int(best.steps),
+        result=RESULT_TEXT[best.result],
+        converged=best.result == CONVERGED,
+        steps=best.steps,
         reduced_chi2=_reduced_chi2(left, measurement, free),
         held_out_rms=held_out,
         held_out_reason=reason,
         run_scatter=infer_run_scatter(measurement, fitted, -left),
-        misfit=allowance,
+        misfit=now.allowance,
         free=stage.names,
         covariance=covariance,
         stage=stage,
-        descent=best,
+        end=best,
     )
 
 
@@ -224,7 +230,7 @@ def _reduced_chi2(left: np.ndarray, measurement: Measurement, free: np.ndarray) 
         return None
     weight = measurement.weights(0.0)
     freedom = int(np.count_nonzero(weight)) - int(free.sum())
-    return float(np.sum((np.stack([left.real, left.imag], axis=-1) * weight) ** 2)) / freedom if freedom > 0 else None
+    return float(np.sum((numpy_pair(left) * weight) ** 2)) / freedom if freedom > 0 else None
 
 
 def whitened_by_run(local: Local, data: Data) -> list[Local]:
@@ -254,9 +260,9 @@ def _covariance(hessian: np.ndarray, by_run: list[Local], free: np.ndarray) -> n
     return posterior * growth[:, None] * growth[None, :]
 
 
-def _estimates(space: Space, best: Descent, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
+def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
     values = space.values(best.point)
-    posterior = np.sqrt(np.diag(np.linalg.inv(best.quadratic.hessian)))
+    posterior = np.sqrt(np.diag(np.linalg.inv(best.hessian)))
     estimates = []
     for entry, value in zip(space.entries, values, strict=True):
         if not free[entry.unknown]:
@@ -275,13 +281,11 @@ def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Compl
     return pairs[..., 0] + 1j * pairs[..., 1]
 
 
-def _held_out(data: Data, again: Descent | None, folds: np.ndarray) -> float | None:
+def _held_out(data: Data, again: list[End], folds: np.ndarray) -> float | None:
     """Root mean square |residual| of the cells of every fold under the fit to the other folds [m]."""
-    if again is None:
-        return None
     squares, cells = 0.0, 0
-    for fold, error in zip(folds, again.quadratic.extra.error, strict=True):
-        squares += float(np.sum(np.abs(residual_vectors(error, data)[fold]) ** 2))
+    for fold, end in zip(folds, again, strict=True):
+        squares += float(np.sum(np.abs(residual_vectors(end.local.error, data)[fold]) ** 2))
         cells += int(np.count_nonzero(np.asarray(data.weight)[fold, :, :, 0]))
     return math.sqrt(squares / cells) if cells else None
 

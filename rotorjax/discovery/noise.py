@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE
+from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
 from rotorjax.inverse import fault_sensitivity
 from rotorjax.measurement import Measurement
 from rotorjax.model import Model
@@ -26,6 +26,7 @@ class RunScatter(NamedTuple):
     """Share of the squared residual that it accounts for."""
 
     def as_json(self) -> dict[str, float]:
+        """In engineering units."""
         return {"unbalance_g_mm": self.unbalance_kg_m / GRAM_MILLIMETRE, "bow_um": self.bow_m / MICROMETRE}
 
 
@@ -75,7 +76,7 @@ def infer_run_scatter(measurement: Measurement, model: Model, residual: np.ndarr
         return RunScatter()
     weight = measurement.weights(0.0)
     slopes = fault_sensitivity(model, measurement.conditions)[..., :2] * weight[..., None]
-    errors = np.stack([residual.real, residual.imag], axis=-1) * weight
+    errors = numpy_pair(residual) * weight
     curvature, score = [], []
     for run in range(len(measurement.runs)):
         cases = measurement.run == run

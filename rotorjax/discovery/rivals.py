@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.descent import Data, declared_starts, descend, make_data
-from rotorjax.discovery.fit import Fit, best_of, residual_vectors
+from rotorjax.discovery.descent import Data, best_of, declared_starts, descend, make_data
+from rotorjax.discovery.fit import Fit, residual_vectors
 
 TIE = 3.0
 """Difference in log posterior below which two explanations are not told apart by the data."""
@@ -24,6 +24,7 @@ class Rival(NamedTuple):
 
     @property
     def tied(self) -> bool:
+        """Whether the data leave this open."""
         return self.loss < TIE
 
 
@@ -48,16 +49,16 @@ def rivals(fitted: Fit) -> list[Rival]:
 def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str | None) -> Rival:
     space = fitted.stage.space
     free = space.free([*others, instead] if instead else others) & ~_only_of(fitted, name)
-    from_here = fitted.descent.point.copy()
+    from_here = fitted.end.point.copy()
     from_here[_only_of(fitted, name)] = 0.0
     starts = declared_starts(space, free)
     starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
     null = np.where(_only_of(fitted, name), 0.0, space.given_unknowns())
     training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)
     best = best_of(descend(space, data, np.where(free, starts, null), free, training, kept=null))
-    left = residual_vectors(best.quadratic.extra.error, data)[fitted.stage.measurement.present]
+    left = residual_vectors(best.local.error, data)[fitted.stage.measurement.present]
     rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
-    return Rival(name, instead, rms, float(best.quadratic.cost - fitted.descent.quadratic.cost))
+    return Rival(name, instead, rms, best.cost - fitted.end.cost)
 
 
 def _only_of(fitted: Fit, name: str) -> np.ndarray:

@@ -29,10 +29,12 @@ class Entry(NamedTuple):
 
     @property
     def key(self) -> str:
+        """Effect and label, as people write it."""
         return f"{self.effect}.{self.label}"
 
     @property
     def unit(self) -> Unit:
+        """Declared by the parameter's name."""
         return unit_of(self.label.split(".", 1)[0])
 
 

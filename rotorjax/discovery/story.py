@@ -32,10 +32,12 @@ class Story:
 
     @property
     def last(self) -> Comparison:
+        """The comparison at the end."""
         return self.views[-1] if self.views else self.declared
 
     @property
     def final_model(self) -> Model:
+        """The fitted model, or the declared one if nothing was added."""
         return self.fits[-1].model if self.fits else self.model
 
     def noise_um(self) -> float | None:

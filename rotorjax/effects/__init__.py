@@ -1,6 +1,5 @@
 """The catalogue of effects. Equations and signs: each class; every one is tested against an independent answer."""
 
-from collections.abc import Mapping
 from types import MappingProxyType
 
 from rotorjax.effects.excitation import Misalignment as Misalignment
@@ -50,5 +49,5 @@ _CLASSES: tuple[type[Effect], ...] = (
     SpeedError,
 )
 
-CATALOG: Mapping[str, type[Effect]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
+CATALOG: MappingProxyType[str, type[Effect]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
 """Effect name -> class, grouped by family. Extend it without changing it: ``CATALOG | {"mine": Mine}``."""

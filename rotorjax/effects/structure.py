@@ -144,9 +144,7 @@ class Foundation(SupportEffect):
     compliance_m_per_n: Array = parameter("static compliance 1/k_f, equal along x and y", scale=0.1, of="compliance")
     log_frequency: Array = parameter("ln of foundation over rotor natural frequency", scale=0.7)
     log_damping: Array = parameter("ln of foundation damping ratio over 0.05", scale=1.0)
-    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
-        {"compliance_m_per_n": 0.3, "log_frequency": frequency} for frequency in (-1.5, -0.5, 0.0, 0.5, 1.5)
-    )
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"compliance_m_per_n": 0.3, "log_frequency": frequency} for frequency in (-1.5, -0.5, 0.0, 0.5, 1.5))
 
     def support(self, point: OperatingPoint) -> Support:
         own = point.rotor.natural_frequency() * jnp.exp(self.log_frequency)

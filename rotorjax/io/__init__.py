@@ -1,0 +1,1 @@
+"""Files: measurement tables and rig files."""

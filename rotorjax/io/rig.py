@@ -115,9 +115,15 @@ def to_rows(measurement: Measurement) -> list[Row]:
         sigma = None if measurement.sigma is None else float(measurement.sigma[case, probe, order] * 1e6)
         rows.append(
             Row(
-                measurement.runs[measurement.run[case]], float(measurement.speed_rpm[case]), measurement.probes[probe],
-                measurement.orders[order], float(abs(z)), float(np.degrees(np.angle(z))), sigma, measurement.repeat[case],
-            )  # fmt: skip
+                measurement.runs[measurement.run[case]],
+                float(measurement.speed_rpm[case]),
+                measurement.probes[probe],
+                measurement.orders[order],
+                float(abs(z)),
+                float(np.degrees(np.angle(z))),
+                sigma,
+                measurement.repeat[case],
+            )
         )
     return rows
 

@@ -47,6 +47,7 @@ class Document:
                 self._lines.setdefault(f"{header}.{key}" if header else key, number)
 
     def section(self, name: str) -> "Section":
+        """A table of the top level, empty if absent."""
         return Section(self, (name,), self.data.get(name, {}))
 
     def report(self, path: tuple[str, ...], rule: str) -> None:
@@ -61,6 +62,7 @@ class Document:
         return f"{self.path}: {'.'.join(path)}"
 
     def raise_problems(self) -> None:
+        """Raise if anything was reported."""
         if self.problems:
             raise InputError(*self.problems)
 
@@ -80,6 +82,7 @@ class Section:
         return key in self.data
 
     def problem(self, key: str, rule: str) -> None:
+        """Note a problem at one of this table's keys."""
         self.document.report((*self.path, key), rule)
 
     def raw(self, key: str, default: Any = None) -> Any:
@@ -132,12 +135,14 @@ class Section:
         return value
 
     def flag(self, key: str) -> bool:
+        """True or false; false if absent."""
         value = self.raw(key, False)
         if not isinstance(value, bool):
             self.problem(key, f"must be true or false, not {value!r}")
         return value is True
 
     def table(self, key: str) -> "Section":
+        """A table within this one, empty if absent."""
         return Section(self.document, (*self.path, key), self.raw(key, {}))
 
     def tables(self) -> list[tuple[str, "Section"]]:

@@ -153,8 +153,7 @@ def _duplicates(path: Path, rows: list[Row], lines: list[int]) -> list[str]:
         key = (row.run, row.speed_rpm, row.probe, row.order, row.repeat)
         if key in first:
             problems.append(
-                f"{path}:{line}: same run, speed, probe and order as line {first[key]}; "
-                "remove one, or number repeated readings in a column 'repeat'"
+                f"{path}:{line}: same run, speed, probe and order as line {first[key]}; remove one, or number repeated readings in a column 'repeat'"
             )
         first.setdefault(key, line)
     return problems

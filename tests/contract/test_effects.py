@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
 from rotorjax import Conditions, Effect, Layout, Model, effects, response
 from rotorjax.catalogue import snapshot
 from rotorjax.io.rig import effect_from_labels, read_rig

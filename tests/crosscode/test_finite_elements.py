@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from rotorjax import Conditions, Jeffcott, response
 
 ROWS = list(csv.DictReader((Path(__file__).parents[1] / "data" / "ross_reference.csv").read_text().splitlines()))

@@ -4,8 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracle import TimeRotor
+
 from rotorjax import Conditions, Jeffcott, Layout, Model, Probes, effects, response
+
+from oracle import TimeRotor
 
 MASS, STIFFNESS, RATIO = 0.9686, (56538.0, 51282.0), (0.03, 0.05)
 DAMPING = tuple(2 * z * np.sqrt(k * MASS) for z, k in zip(RATIO, STIFFNESS, strict=True))

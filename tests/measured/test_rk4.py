@@ -4,6 +4,7 @@ from importlib.resources import as_file, files
 
 import numpy as np
 import pytest
+
 from rotorjax import diagnose, effects, read_measurement, read_rig, tell
 from rotorjax.report import findings, verdict
 

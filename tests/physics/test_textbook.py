@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from rotorjax import Conditions, Jeffcott, Model, Probes, effects, response
 
 K, M, ZETA = 50e3, 2.0, 0.05
@@ -62,9 +63,7 @@ def test_paper_equations():
     f2 = -gain[0] * (reach[0] * np.sin(alpha - lag[0]) + bow * np.sin(theta - lag[0]))
     f3 = gain[1] * (reach[1] * np.sin(alpha - lag[1]) + bow * np.sin(theta - lag[1]))
     f4 = gain[1] * (reach[1] * np.cos(alpha - lag[1]) + bow * np.cos(theta - lag[1]))
-    conditions = Conditions.at(
-        [speed], unbalance=[unbalance * np.cos(alpha), unbalance * np.sin(alpha)], bow=[bow * np.cos(theta), bow * np.sin(theta)]
-    )
+    conditions = Conditions.at([speed], unbalance=[unbalance * np.cos(alpha), unbalance * np.sin(alpha)], bow=[bow * np.cos(theta), bow * np.sin(theta)])
     z = np.asarray(response(Jeffcott(mass, stiffness, ratio), conditions))[0, :, 0]
     np.testing.assert_allclose([z[0].real, -z[0].imag, z[1].real, -z[1].imag], [f1, f2, f3, f4], rtol=1e-10)
 

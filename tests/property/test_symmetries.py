@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rotorjax import Conditions, Jeffcott, Measurement, Model, diagnose, effects, response
 
 finite = st.floats(-1.0, 1.0, allow_subnormal=False)

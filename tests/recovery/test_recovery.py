@@ -4,9 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, compare, effects, fit, rivals
+
 from crosscode.test_time_integration import CASES, DAMPING, MASS, RATIO, STIFFNESS
 from oracle import TimeRotor
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, compare, effects, fit, rivals
 
 SPEEDS_RPM = (800, 1100, 1400, 1700, 1900, 2050, 2500, 2900)
 WEIGHTS = {"baseline": 4e-6, "trial-a": 30e-6, "trial-b": 30e-6 * np.exp(2.1j), "trial-c": 20e-6 * np.exp(-1.5j)}
@@ -32,9 +34,7 @@ def measure(in_time, *, noise: float = SIGMA, seed: int = 0) -> Measurement:
     runs = np.repeat(np.arange(len(WEIGHTS)), len(SPEEDS_RPM))
     weights = np.array([[[w.real, w.imag]] for w in map(complex, WEIGHTS.values())])[runs]
     conditions = Conditions.at_rpm(np.tile(SPEEDS_RPM, len(WEIGHTS)), unbalance=weights, bow=[BOW.real, BOW.imag])
-    return Measurement(
-        tuple(WEIGHTS), ("X", "Y"), (1.0, 2.0), runs, ("",) * len(runs), conditions, z, np.ones(z.shape, bool), np.full(z.shape, noise), "given"
-    )
+    return Measurement(tuple(WEIGHTS), ("X", "Y"), (1.0, 2.0), runs, ("",) * len(runs), conditions, z, np.ones(z.shape, bool), np.full(z.shape, noise), "given")
 
 
 CASES_UNBALANCE = CASES["mass_error"][1](1.0).unbalance
@@ -68,7 +68,7 @@ def test_healthy_rotor_is_within_the_noise():
     assert sum(view.share()["run"].values()) == pytest.approx(1.0)
     found = fit(ALL, measurement, free=("cross_coupling",))
     assert abs(found.estimates[0].value) < 3.5 * found.estimates[0].standard_error
-    assert [r for r in rivals(found) if r.instead is None][0].tied, "an effect that is not there is not needed"
+    assert next(r for r in rivals(found) if r.instead is None).tied, "an effect that is not there is not needed"
 
 
 def test_two_effects_and_the_error_held_out():

@@ -5,8 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from helpers import HEADER, RIG, ROWS, write
+
 from rotorjax.cli import main
+
+from helpers import HEADER, RIG, ROWS, write
 
 
 def run(*arguments) -> int:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from rotorjax import Conditions, Jeffcott, Knowledge, Measurement, Model, Probes, compare, effects, fit, response
 from rotorjax.discovery.compare import compare_vectors
 from rotorjax.discovery.descent import make_folds

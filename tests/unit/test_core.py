@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from rotorjax._core import CONVERGED, MAX_STEPS, NOT_FINITE, Quadratic, levenberg_marquardt, require_float64, unit_of
 from scipy.optimize import least_squares
+
+from rotorjax._core import CONVERGED, MAX_STEPS, NOT_FINITE, Quadratic, levenberg_marquardt, require_float64, unit_of
 
 
 def quadratic_of(residual):

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from helpers import RIG, write
+
 from rotorjax import InputError, read_rig
+
+from helpers import RIG, write
 
 
 def rig_of(folder, text):

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers import HEADER, ROWS, write
+
 from rotorjax import InputError, read_measurement, read_rig
 from rotorjax.io.table import read_table
+
+from helpers import HEADER, ROWS, write
 
 BODY = "\n".join(ROWS) + "\n"
 
