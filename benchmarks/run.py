@@ -141,7 +141,9 @@ def command_rows() -> list[list[str]]:
             "rotorjax compare --effect residual_unbalance": ["compare", *data, "--effect", "residual_unbalance"],
         }
         environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": cache}
-        rows = [row("import rotorjax", best(lambda: python("import rotorjax", environment), 3), "import jax", best(lambda: python("import jax", environment), 3))]
+        rows = [
+            row("import rotorjax", best(lambda: python("import rotorjax", environment), 3), "import jax", best(lambda: python("import jax", environment), 3))
+        ]
         for name, arguments in commands.items():
             for path in Path(cache).iterdir():
                 path.unlink()

@@ -17,6 +17,7 @@ import jax
 
 from rotorjax import effects, read_measurement, read_rig, tell
 from rotorjax.cli import write_report
+from rotorjax.pictures import headline_figure
 from rotorjax.report import comparison_json, comparison_text
 
 
@@ -30,7 +31,9 @@ class Config:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=Path("output"))
-    output = parser.parse_args().output
+    parser.add_argument("--picture", type=Path, help="write the README's picture too")
+    arguments = parser.parse_args()
+    output = arguments.output
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
     with as_file(files("rotorjax") / "data" / "rk4") as folder:
@@ -43,6 +46,8 @@ def main() -> None:
     write_report(output / "rk4.html", story, title="RK4 rotor kit, plane 2: a Jeffcott model against the measurement")
     (output / "rk4.json").write_text(json.dumps(comparison_json(story), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     rig.write(output / "rk4_fitted.toml", story.final_model)
+    if arguments.picture:
+        headline_figure(story).savefig(arguments.picture, dpi=110)
     print(f"\nDone in {time.perf_counter() - begin:.0f} s. Open {output / 'rk4.html'} in a browser.")
     print(f"The fitted model is {output / 'rk4_fitted.toml'}; the numbers are in {output / 'rk4.json'}.")
 

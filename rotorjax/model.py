@@ -198,7 +198,7 @@ class Effect(eqx.Module):
             if value.shape not in ((), shape):
                 named = ", ".join(declared.labels(layout))
                 raise ValueError(f"{self.name}: {declared.name} has shape {value.shape}; give one number, or one each for {named}")
-            values.append(jnp.broadcast_to(value, shape))
+            values.append(value if value.shape == shape else jnp.broadcast_to(value, shape))
         return self.replaced(values)
 
     def replaced(self, values: list[Array]) -> "Effect":

@@ -1,6 +1,7 @@
 """The pictures of a comparison: which views to draw, from which runs; the drawing itself is in `plots`."""
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rotorjax import plots
@@ -28,13 +29,31 @@ def story_figures(story: Story) -> list[tuple[str, Figure]]:
     return figures
 
 
+def headline_figure(story: Story) -> Figure:
+    """The story in one picture: every vector of the last probe before and after, and the fall of the error between."""
+    m = story.measurement
+    drawn, (before, fall, after) = plots.figure(15.0, 4.4, 1, 3)
+    probe, order = m.probes[-1], m.orders[0]
+    plots.polar(before, story.declared, probe=probe, order=order).set_title("as declared")
+    _draw_fall(fall, story, short=True)
+    plots.polar(after, story.last, probe=probe, order=order).set_title("with what was added")
+    before.legend(fontsize=8)
+    return drawn
+
+
 def _fall(story: Story) -> Figure:
-    labels = [label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)]
+    drawn, (axes,) = plots.figure(max(6.0, 1.5 * len(steps(story))), 3.6)
+    _draw_fall(axes, story)
+    return drawn
+
+
+def _draw_fall(axes: Axes, story: Story, *, short: bool = False) -> None:
     rows = steps(story)
-    drawn, (axes,) = plots.figure(max(6.0, 1.5 * len(rows)), 3.6)
+    labels = [label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)]
+    if short:
+        labels = [label.replace("_", "\n") for label in labels]
     held = [f.held_out_rms / MICROMETRE if f and f.held_out_rms is not None else None for _, f in rows]
     plots.error_fall(axes, labels, [view.rms / MICROMETRE for view, _ in rows], held, noise_um=story.noise_um())
-    return drawn
 
 
 def shown_runs(view: Comparison) -> list[str]:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Complex, Float
 
+from rotorjax._planar import Matrix, Vector
 from rotorjax.model import (
     AbstractRotor,
     Conditions,
@@ -36,38 +37,32 @@ from rotorjax.model import (
 class Motion(NamedTuple):
     """Motion of the disk and of the foundation under it, at one order [m]."""
 
-    disk: Complex[Array, "dof"]
-    foundation: Complex[Array, "dof"]
+    disk: Vector
+    foundation: Vector
 
 
 def _add(first: Any, *others: Any) -> Any:
     return functools.reduce(lambda a, b: jax.tree.map(operator.add, a, b), others, first)
 
 
-def _solve(matrix: Complex[Array, "dof dof"], vector: Complex[Array, "dof"]) -> Complex[Array, "dof"]:
-    """Closed form of a 2x2 solve: seven times faster than a batched LU."""
-    (a, b), (c, d) = matrix
-    return jnp.stack([d * vector[0] - b * vector[1], a * vector[1] - c * vector[0]]) / (a * d - b * c)
-
-
-def _inverse(matrix: Complex[Array, "dof dof"]) -> Complex[Array, "dof dof"]:
-    (a, b), (c, d) = matrix
-    return jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / (a * d - b * c)
-
-
-def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tuple[Complex[Array, "dof dof"], Complex[Array, "dof"]]:
+def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tuple[Matrix, Vector]:
     """K_p = (S⁻¹ + F⁻¹)⁻¹ with S = R(β) K R(β)ᵀ, and the foundation's compliance F⁻¹ per axis."""
-    straight = jnp.diag(point.rotor.stiffness) + added.path_stiffness
+    straight = Matrix.diagonal(point.rotor.stiffness[0], point.rotor.stiffness[1]) + Matrix.of(added.path_stiffness)
     effects = [e for e in model.effects if isinstance(e, SupportEffect)]
     if not effects:
-        return straight.astype(complex), jnp.zeros(2, complex)
+        return straight, Vector(0.0, 0.0)
     support = _add(Support(), *(e.support(point) for e in effects))
-    cosine, sine = jnp.cos(support.turn), jnp.sin(support.turn)
-    turn = jnp.stack([jnp.stack([cosine, -sine]), jnp.stack([sine, cosine])])
-    turned = (turn @ straight @ turn.T).astype(complex)
-    compliance = jnp.broadcast_to(jnp.asarray(support.compliance, complex), (2,))
-    series = _inverse(jnp.eye(2) + compliance[:, None] * turned)
-    return turned @ series, compliance
+    turn = Matrix.turn(support.turn)
+    turned = turn @ straight @ turn.transposed
+    compliance = Vector.of(support.compliance)
+    series = Matrix.diagonal(1.0, 1.0) + Matrix.diagonal(compliance.x, compliance.y) @ turned
+    return turned @ series.inverse(), compliance
+
+
+def _forward(point: OperatingPoint, x: Array, y: Array) -> Vector:
+    """(x + iy) f: turns with the shaft."""
+    turning = jax.lax.complex(x, y)
+    return Vector(turning, -1j * point.rotor.spin * turning)
 
 
 def _motion(model: Model, point: OperatingPoint) -> Motion:
@@ -75,14 +70,18 @@ def _motion(model: Model, point: OperatingPoint) -> Motion:
     added = _add(Matrices(), *(e.matrices(point) for e in model.effects if isinstance(e, MatrixEffect)))
     driven = _add(Excitation(), *(e.excitation(point) for e in model.effects if isinstance(e, ExcitationEffect)))
     path, compliance = _path_stiffness(model, point, added)
-    damper = jnp.diag(point.rotor.damping) + added.path_damping
-    dynamic = path + 1j * point.frequency * (damper + added.damping) + added.stiffness - point.frequency**2 * (point.rotor.mass * jnp.eye(2) + added.mass)
+    rotor, omega = point.rotor, point.frequency
+    path_damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
+    mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
+    dynamic = path + 1j * omega * (path_damping + Matrix.of(added.damping)) + Matrix.of(added.stiffness) + (-(omega**2)) * mass
     once = point.at_order(1.0)
-    offset = driven.offset + once * point.forward(point.bow)
-    through = path + 1j * point.frequency * damper if point.rotor.bow_through_damping else path
-    installed = once * point.speed**2 * point.forward(jnp.sum(point.unbalance, axis=0))
-    disk = _solve(dynamic, driven.force + installed + through @ offset)
-    return Motion(disk, compliance * (path @ (disk - offset)))
+    offset = Vector.of(driven.offset) + once * _forward(point, point.bow[0], point.bow[1])
+    through = path + 1j * omega * path_damping if rotor.bow_through_damping else path
+    unbalance = jnp.sum(point.unbalance, axis=0)
+    installed = once * point.speed**2 * _forward(point, unbalance[0], unbalance[1])
+    disk = dynamic.solve(Vector.of(driven.force) + installed + through.times(offset))
+    transmitted = path.times(disk - offset)
+    return Motion(disk, Vector(compliance.x * transmitted.x, compliance.y * transmitted.y))
 
 
 def _read(model: Model, point: OperatingPoint, motion: Motion) -> Complex[Array, "probe"]:
@@ -92,8 +91,9 @@ def _read(model: Model, point: OperatingPoint, motion: Motion) -> Complex[Array,
     total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
     probes: Probes = model.probes
     angle = probes.angle + total.direction
-    seen = motion.disk[None, :] - probes.on_foundation[:, None] * motion.foundation[None, :]
-    along = jnp.cos(angle) * seen[:, 0] + jnp.sin(angle) * seen[:, 1]
+    x = motion.disk.x - probes.on_foundation * motion.foundation.x
+    y = motion.disk.y - probes.on_foundation * motion.foundation.y
+    along = jnp.cos(angle) * x + jnp.sin(angle) * y
     turned = jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
     return (probes.participation * along + total.runout) * gain * turned
 

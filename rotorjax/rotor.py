@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.core import Tracer
 from jaxtyping import Float
@@ -13,7 +14,8 @@ from rotorjax.model import AbstractRotor
 
 
 def _pair(value: Numbers) -> Array:
-    return jnp.broadcast_to(as_float(value), (2,))
+    pair = as_float(value)
+    return jnp.stack([pair, pair]) if pair.ndim == 0 else pair
 
 
 class Jeffcott(AbstractRotor):
@@ -40,9 +42,9 @@ class Jeffcott(AbstractRotor):
     def __check_init__(self) -> None:
         if isinstance(self.mass, Tracer) or isinstance(self.stiffness, Tracer):
             return
-        if not (self.mass > 0.0 and jnp.all(self.stiffness > 0.0)):
+        if not (float(self.mass) > 0.0 and np.all(np.asarray(self.stiffness) > 0.0)):
             raise ValueError("mass [kg] and stiffness [N/m] of a rotor must be positive")
-        if not isinstance(self.damping_ratio, Tracer) and not jnp.all(self.damping_ratio >= 0.0):
+        if not isinstance(self.damping_ratio, Tracer) and not np.all(np.asarray(self.damping_ratio) >= 0.0):
             raise ValueError("a damping ratio must not be negative: write an unstable rotor with cross_coupling or internal_damping")
 
     @property

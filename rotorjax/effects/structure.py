@@ -5,6 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
+from rotorjax._core import diagonal
 from rotorjax.model import Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
 
 FOUNDATION_DAMPING_RATIO = 0.05
@@ -23,7 +24,7 @@ class StiffnessError(MatrixEffect):
     error_y: Array = parameter("relative error along y", scale=0.05)
 
     def matrices(self, point: OperatingPoint) -> Matrices:
-        return Matrices(path_stiffness=jnp.diag(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
+        return Matrices(path_stiffness=diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
 
 
 class MassError(MatrixEffect):
@@ -53,7 +54,7 @@ class DampingError(MatrixEffect):
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = jnp.expm1(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
-        return Matrices(path_damping=jnp.diag(growth * point.rotor.damping))
+        return Matrices(path_damping=diagonal(growth * point.rotor.damping))
 
 
 class StiffnessAxes(SupportEffect):
@@ -98,7 +99,7 @@ class SpeedDependentStiffness(MatrixEffect):
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = (point.speed / point.rotor.natural_frequency()) ** 2
-        return Matrices(path_stiffness=growth * jnp.diag(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
+        return Matrices(path_stiffness=growth * diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
 
 
 class InternalDamping(MatrixEffect):

@@ -343,11 +343,11 @@ def _priors(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[str
 
 
 def _assemble(rotor: dict[str, Any], probes: dict[str, tuple[float, float, float]], planes: dict[str, float], slow_roll: float | None) -> Model:
-    angle, participation, foundation = (jnp.array(column) for column in zip(*probes.values(), strict=True))
+    angle, participation, foundation = (np.array(column) for column in zip(*probes.values(), strict=True))
     return Model(
         Jeffcott(**rotor),
         Probes(angle, participation, foundation),
-        jnp.array(list(planes.values())),
+        np.array(list(planes.values())),
         slow_roll,
         layout=Layout(tuple(probes), tuple(planes)),
     )
