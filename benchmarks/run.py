@@ -17,9 +17,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
@@ -161,6 +158,7 @@ def python(code: str, environment: dict[str, str]) -> object:
 
 
 def main() -> None:
+    jax.config.update("jax_enable_x64", True)
     rows = [*response_rows(), fit_row(), *command_rows()]
     print(Table("", ["what", "rotorjax s", "peer", "peer s", "peer / ours"], rows).text())
 
