@@ -42,7 +42,7 @@ def headline_figure(story: Story) -> Figure:
 
 
 def _fall(story: Story) -> Figure:
-    drawn, (axes,) = plots.figure(max(6.0, 1.5 * len(steps(story))), 3.6)
+    drawn, (axes,) = plots.figure(9.2, 3.4)
     _draw_fall(axes, story)
     return drawn
 

@@ -9,7 +9,7 @@ import rotorjax
 
 ROOT = Path(rotorjax.__file__).parent
 LAYERS = [
-    {"errors", "_core", "tables"},
+    {"errors", "_core", "_planar", "tables"},
     {"model"},
     {"effects"},
     {"rotor"},
