@@ -15,6 +15,10 @@ CLUSTER_WIDTH = 0.02
 """Dwells within 2 % of one another count as one speed: real dwells never repeat to the digit."""
 
 
+REPEAT_WIDTH = 0.002
+"""Repeated readings count as of the same speed within 0.2 %: near a resonance more would pass for noise."""
+
+
 class Row(NamedTuple):
     """One vibration vector: amplitude zero-to-peak [µm], phase leading [degrees], standard error of Re and Im [µm]."""
 
@@ -114,15 +118,15 @@ class Measurement:
         return both
 
 
-def cluster_speeds(speed_rpm: Float[np.ndarray, "case"]) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
-    """Group speeds whose neighbours are within 2 % of the group's lowest.
+def cluster_speeds(speed_rpm: Float[np.ndarray, "case"], *, width: float = CLUSTER_WIDTH) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
+    """Group speeds within a relative ``width`` of the group's lowest.
 
     **Returns** the index of each one's group, and the groups' mean speeds, rising.
     """
     index = np.zeros(len(speed_rpm), dtype=int)
     groups: list[list[int]] = []
     for case in np.argsort(speed_rpm):
-        if not groups or speed_rpm[case] > speed_rpm[groups[-1][0]] * (1.0 + CLUSTER_WIDTH):
+        if not groups or speed_rpm[case] > speed_rpm[groups[-1][0]] * (1.0 + width):
             groups.append([])
         groups[-1].append(int(case))
         index[case] = len(groups) - 1
@@ -171,19 +175,27 @@ def arrange(rows: list[Row], *, runs: Mapping[str, Installed], probes: tuple[str
 
 def _with_pure_error(measurement: Measurement) -> Measurement:
     """The standard error from repeated readings of the same run, speed, probe and order, pooled over all cells."""
-    cluster, _ = measurement.speed_cluster()
     squares, freedoms = 0.0, 0
-    for key in {(r, c) for r, c in zip(measurement.run, cluster, strict=True)}:
-        cases = (measurement.run == key[0]) & (cluster == key[1])
-        if len({measurement.repeat[i] for i in np.flatnonzero(cases)}) < 2:
-            continue
-        for probe in range(len(measurement.probes)):
-            for order in range(len(measurement.orders)):
-                values = measurement.vectors[cases, probe, order][measurement.present[cases, probe, order]]
+    for run in range(len(measurement.runs)):
+        cases = np.flatnonzero(measurement.run == run)
+        same, _ = cluster_speeds(measurement.speed_rpm[cases], width=REPEAT_WIDTH)
+        for group in (cases[same == k] for k in range(same.max() + 1)):
+            labels = [measurement.repeat[i] for i in group]
+            if len(set(labels)) < len(labels):
+                continue
+            for cell in np.ndindex(measurement.vectors.shape[1:]):
+                values = measurement.vectors[(group, *cell)][measurement.present[(group, *cell)]]
                 if len(values) > 1:
-                    squares += float(np.sum(np.abs(values - values.mean()) ** 2))
-                    freedoms += 2 * (len(values) - 1)
+                    order = measurement.orders[cell[1]]
+                    aligned = values * np.where(is_half_order(order) & (np.real(values * np.conj(values[0])) < 0.0), -1.0, 1.0)
+                    squares += float(np.sum(np.abs(aligned - aligned.mean()) ** 2))
+                    freedoms += (1 if order == 0.0 else 2) * (len(values) - 1)
     if freedoms == 0 or squares == 0.0:
         return measurement
     sigma = np.full(measurement.vectors.shape, np.sqrt(squares / freedoms))
     return dataclasses.replace(measurement, sigma=sigma, noise="repeats")
+
+
+def is_half_order(order: float) -> bool:
+    """Whether a once-per-turn reference leaves the sign of this order open."""
+    return abs(order % 1.0 - 0.5) < 1e-6

@@ -33,6 +33,10 @@ BALANCE_GRADE = 6.3e-3
 """Balance quality grade G6.3, e·Ω in m/s: machinery in general (ISO 21940-11:2016, table 1)."""
 
 
+LEAST_DAMPING_RATIO = 1e-3
+"""Damping ratio that sets the scale of damping effects where the rig file has less."""
+
+
 class Layout(NamedTuple):
     """The names along the axes of a model's arrays."""
 
@@ -115,7 +119,7 @@ class AbstractRotor(eqx.Module):
             "one": 1.0,
             "mass": mass,
             "stiffness": stiffness,
-            "damping": float(np.mean(np.asarray(self.damping))),
+            "damping": max(float(np.mean(np.asarray(self.damping))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass)),
             "compliance": 1.0 / stiffness,
             "period": 1.0 / frequency,
             "eccentricity": eccentricity,

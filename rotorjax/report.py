@@ -12,8 +12,9 @@ import numpy as np
 
 from rotorjax._core import MICROMETRE
 from rotorjax.discovery.compare import Cell, Comparison
-from rotorjax.discovery.fit import LARGEST_HEALTHY_CHI2, Estimate, Fit
-from rotorjax.discovery.rivals import Rival
+from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
+from rotorjax.discovery.noise import FEW_RUNS
+from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inverse import Diagnosis, Fault, RunDiagnosis
 from rotorjax.io.rig import Convention
@@ -22,10 +23,10 @@ from rotorjax.tables import Table, is_number, number
 
 WORST = 8
 """Cells shown among the worst."""
+SUSPICIOUS_CHI2 = 0.1
+"""Reduced chi-square below which the standard errors of a table cannot be right."""
 HELPS = 0.95
 """An addition that leaves more than this share of the error has not helped."""
-INTERVAL = 1.96
-"""Standard errors of a 95 % interval."""
 
 
 def measurement_line(m: Measurement) -> str:
@@ -46,9 +47,12 @@ def verdict(story: Story) -> str:
     first = _fails(story.declared, "The model as declared")
     if not story.fits:
         return first
-    before, after = story.declared.rms, story.last.rms
+    before, after = story.views[0].rms, story.last.rms
+    if _has_uncertain(story):
+        first += f" With its uncertain values fitted {number(before / MICROMETRE)} µm remain."
     names = ", ".join(story.additions)
-    if after > HELPS * before:
+    needed = [r for r in story.rivals if r.instead is None and not r.tied]
+    if after > HELPS * before and not needed:
         return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
     held = story.fits[-1].held_out_rms
     fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
@@ -144,11 +148,11 @@ def fall_table(story: Story) -> Table:
 
 def parameter_table(fitted: Fit) -> Table:
     """Fitted parameters with 95 % intervals, and what their prior was."""
-    rows = [_parameter_row(e) for e in fitted.estimates]
+    rows = [_parameter_row(e, fitted.quantile) for e in fitted.estimates]
     return Table("Parameters (95 % intervals)", ["parameter", "value", "±", "unit", "prior ±", "remark"], rows)
 
 
-def _parameter_row(estimate: Estimate) -> list[str]:
+def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
     entry, unit = estimate.entry, estimate.entry.unit
     remarks = []
     if not estimate.determined:
@@ -157,22 +161,27 @@ def _parameter_row(estimate: Estimate) -> list[str]:
         remarks.append(f"moved by {abs(estimate.pull):.1f} of its standard deviations: a finding")
     elif entry.declared_uncertain:
         remarks.append("declared uncertain")
-    value, error = estimate.value / unit.factor, INTERVAL * estimate.standard_error / unit.factor
-    return [entry.key, number(value, 4), number(error, 2), unit.shown, number(INTERVAL * entry.scale / unit.factor, 2), "; ".join(remarks)]
+    value, error = estimate.value / unit.factor, quantile * estimate.standard_error / unit.factor
+    return [entry.key, number(value, 4), number(error, 2), unit.shown, number(NORMAL_QUANTILE * entry.scale / unit.factor, 2), "; ".join(remarks)]
 
 
 def findings(story: Story) -> list[str]:
     """What else a user must know: ties, effects without use, combinations, scatter between runs, failures to converge."""
     lines = []
     for name in dict.fromkeys(story.additions):
-        lines += _rival_lines(name, [r for r in story.rivals if r.effect == name])
+        lines += _rival_lines(name, [r for r in story.rivals if r.effect == name], story)
     if tangled := story.correlated():
         pairs = "; ".join(f"{first} with {second}" for first, second, _ in tangled)
         lines.append(f"Fixed by these data in combination only (correlation above {CORRELATED:g}): {pairs}.")
     if story.fits:
         last = story.fits[-1]
+        chi2 = story.declared.reduced_chi2 if last.reduced_chi2 is None else last.reduced_chi2
+        if chi2 is not None and chi2 < SUSPICIOUS_CHI2:
+            lines.append(f"Reduced chi-square {number(chi2)}: sigma_um looks far too large, so that nothing can be told from noise.")
+        if last.misfit > 0.0 and len(story.measurement.runs) < FEW_RUNS and story.measurement.sigma is not None:
+            lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
         if not last.converged:
-            lines.append(f"The fit has {last.result}.")
+            lines.append(f"The fit has not settled: {last.result}.")
         if last.run_scatter.unbalance_kg_m > 0.0:
             size = last.run_scatter.as_json()["unbalance_g_mm"]
             lines.append(
@@ -182,22 +191,23 @@ def findings(story: Story) -> list[str]:
     return lines
 
 
-def _rival_lines(name: str, found: list[Rival]) -> list[str]:
+def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
     out = next((r for r in found if r.instead is None), None)
     if out is not None and out.tied:
-        return [f"{name} is not needed: without it the fit is as good ({number(out.rms / MICROMETRE)} µm rms)."]
+        how = "as good" if out.loss > -TIE else "better"
+        return [f"{name} is not needed: without it the fit is {how} ({number(out.rms / MICROMETRE)} µm rms)."]
     lines = []
     for rival in found:
         if rival.instead is not None and rival.tied:
             lines.append(
-                f"{name} ties with {rival.instead}: with the latter instead the fit is as good ({number(rival.rms / MICROMETRE)} µm rms){_why(rival)}."
+                f"{name} ties with {rival.instead}: with the latter instead the fit is as good ({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
             )
     return lines
 
 
-def _why(rival: Rival) -> str:
-    if {rival.effect, rival.instead} == {"residual_unbalance", "residual_bow"}:
-        return "; where slow roll was subtracted, or at one speed, bow and unbalance leave the same trace"
+def _why(rival: Rival, story: Story) -> str:
+    if {rival.effect, rival.instead} == {"residual_unbalance", "residual_bow"} and story.model.slow_roll is not None:
+        return "; slow roll was subtracted, and with it what tells a bow from an unbalance"
     return ""
 
 
@@ -270,12 +280,6 @@ def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
         if run.reason:
             reasons.setdefault(run.reason, []).append(run.run)
     lines = [f"Not told apart in {_listed(runs)}: {reason}." for reason, runs in reasons.items()]
-    wrong = [r.run for r in found if r.reduced_chi2 is not None and r.reduced_chi2 > LARGEST_HEALTHY_CHI2]
-    if wrong:
-        lines.append(
-            f"The model does not hold in {_listed(wrong)}: it leaves more than the noise, and the standard errors are raised to match. "
-            "What it lacks may pose as a fault: run `rotorjax compare` first."
-        )
     note = "\n".join(lines)
     return Table("Unbalance and bow", headers, rows, note)
 

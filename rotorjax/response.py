@@ -106,7 +106,8 @@ def _vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order
     def at_order(order: Float[Array, ""], index: Array) -> Complex[Array, "probe"]:
         unbalance = condition.unbalance * model.participation[:, None]
         point = OperatingPoint(model.rotor, speed, order, index, unbalance, condition.bow)
-        return _read(model, point, _motion(model, point))
+        read = _read(model, point, _motion(model, point))
+        return jnp.where(order == 0.0, jnp.real(read) + 0j, read)
 
     return jax.vmap(at_order, out_axes=1)(orders, jnp.arange(len(orders)))
 

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax._core import MICROMETRE
-from rotorjax.measurement import Measurement
+from rotorjax.discovery.noise import reduced_chi2
+from rotorjax.measurement import Measurement, is_half_order
 from rotorjax.model import AbstractRotor, Model
 from rotorjax.response import response
 
@@ -49,6 +50,8 @@ class Comparison:
     """Measured minus predicted [m], zero where nothing was measured."""
     standardised: Float[np.ndarray, "case probe order"] | None
     """|residual| in standard errors of one component; none where the noise is unknown."""
+    reduced_chi2: float | None
+    """Squared residual per real number measured, in squared standard errors; one for a model that holds."""
 
     @property
     def present(self) -> Bool[np.ndarray, "case probe order"]:
@@ -59,14 +62,6 @@ class Comparison:
     def rms(self) -> float:
         """sqrt(mean |residual|²) over the cells [m]."""
         return float(np.sqrt(np.mean(np.abs(self.residual[self.present]) ** 2)))
-
-    @property
-    def reduced_chi2(self) -> float | None:
-        """Squared residual per real number measured, in squared standard errors; one for a model that holds."""
-        if self.standardised is None:
-            return None
-        numbers = np.count_nonzero(self.measurement.weights(0.0))
-        return float(np.sum(self.standardised[self.present] ** 2) / numbers)
 
     def where(self) -> list[Cell]:
         """Every cell, worst first: by standard errors, or by micrometres where the noise is unknown."""
@@ -118,22 +113,22 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
     if full.layout.probes != measurement.probes:
         raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
     predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
-    return compare_vectors(predicted, measurement)
+    return compare_vectors(predicted, measurement, full.with_orders(measurement.orders))
 
 
-def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement) -> Comparison:
-    """The same for a prediction that is at hand [m]."""
+def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement, model: Model) -> Comparison:
+    """The same for a prediction of the model that is at hand [m]."""
     measured = measurement.vectors * _half_order_sign(predicted, measurement)
     residual = np.where(measurement.present, measured - predicted, 0.0)
     real_axis = np.array(measurement.orders) == 0.0
     residual[:, :, real_axis] = np.real(residual[:, :, real_axis])
-    known = measurement.sigma is not None or measurement.knowledge.tolerance > 0.0
-    standardised = np.abs(residual) * measurement.weights(0.0)[..., 0] if known else None
-    return Comparison(measurement, measured, predicted, residual, standardised)
+    standardised = None if measurement.sigma is None else np.abs(residual) * measurement.weights(0.0)[..., 0]
+    return Comparison(measurement, measured, predicted, residual, standardised, reduced_chi2(measurement, model, residual))
 
 
 def _half_order_sign(predicted: np.ndarray, measurement: Measurement) -> Float[np.ndarray, "case 1 order"]:
     """A once-per-turn reference leaves the sign of half orders open: the one nearer to the model, one per case."""
-    along = np.sum(np.real(measurement.vectors * np.conj(predicted)) * measurement.present, axis=1, keepdims=True)
-    half = np.array(measurement.orders) % 1.0 != 0.0
+    weight = measurement.present if measurement.sigma is None else measurement.weights(0.0)[..., 0] ** 2
+    along = np.sum(np.real(measurement.vectors * np.conj(predicted)) * weight, axis=1, keepdims=True)
+    half = np.array([is_half_order(order) for order in measurement.orders])
     return np.where(half & (along < 0.0), -1.0, 1.0)

@@ -14,11 +14,11 @@ from jaxtyping import Bool, Float, Int
 
 from rotorjax._core import Descent, Quadratic, levenberg_marquardt, numpy_pair, real_pair
 from rotorjax.discovery.noise import scatter_factor
-from rotorjax.discovery.space import Space
 from rotorjax.inverse import fault_sensitivity
-from rotorjax.measurement import Measurement
+from rotorjax.measurement import Measurement, is_half_order
 from rotorjax.model import Conditions, Model
 from rotorjax.response import vectors
+from rotorjax.space import Space
 
 MAX_STARTS = 32
 MAX_FOLDS = 5
@@ -46,7 +46,6 @@ def make_data(measurement: Measurement, model: Model, allowance: float) -> Data:
     to add to that of the table [m].
     """
     weight = measurement.weights(allowance)
-    orders = np.array(measurement.orders)
     factor = scatter_factor(measurement, model)
     if np.any(factor):
         slopes = fault_sensitivity(model, measurement.conditions)
@@ -57,7 +56,7 @@ def make_data(measurement: Measurement, model: Model, allowance: float) -> Data:
         measurement.conditions,
         jnp.asarray(numpy_pair(measurement.vectors)),
         jnp.asarray(weight),
-        jnp.asarray(orders % 1.0 != 0.0),
+        jnp.asarray(np.array([is_half_order(order) for order in measurement.orders])),
         jnp.asarray(measurement.run),
         jnp.asarray(scatter),
         len(measurement.runs),
@@ -65,37 +64,51 @@ def make_data(measurement: Measurement, model: Model, allowance: float) -> Data:
 
 
 def declared_starts(space: Space, free: Bool[np.ndarray, "param"]) -> Float[np.ndarray, "start param"]:
-    """Every combination of the starts that the free effects declare, the null first, at most `MAX_STARTS`."""
+    """Where to begin: the null, the values given, every start that a free effect declares, then combinations, at most `MAX_STARTS`."""
     names = {e.effect for e in space.entries if free[e.unknown]}
     options = []
     for effect in space.model.effects:
         if effect.name in names:
             index = {e.label.split(".")[0]: e.unknown for e in space.entries if e.effect == effect.name}
             options.append([{index[name]: value for name, value in start.items()} for start in type(effect).starts])
-    starts = []
-    for combination in itertools.islice(itertools.product(*options), MAX_STARTS):
+    first = [chosen[0] for chosen in options]
+    singly = [[*first[:k], other, *first[k + 1 :]] for k, chosen in enumerate(options) for other in chosen[1:]]
+    starts = [np.where(free, space.given_unknowns(), 0.0)]
+    for combination in itertools.chain([first], singly, itertools.product(*options)):
         start = np.zeros(len(space.entries))
         for unknown, value in ((u, v) for chosen in combination for u, v in chosen.items()):
             start[unknown] = value
-        starts.append(start)
+        if not any(np.array_equal(start, other) for other in starts):
+            starts.append(start)
+        if len(starts) == MAX_STARTS:
+            break
     return np.stack(starts)
 
 
-def make_folds(measurement: Measurement) -> tuple[Bool[np.ndarray, "fold case"], str]:
+def make_folds(measurement: Measurement, information: Float[np.ndarray, "case param param"]) -> tuple[Bool[np.ndarray, "fold case"], str]:
     """Cases to leave out together: whole runs if there are enough of them, else groups of speeds.
 
-    **Returns** one mask per fold, none with the reason where no honest split exists.
+    A split is honest only if every training fold determines all that the whole data determine: leaving out the one run
+    with a weight in a plane would condemn what only that run shows. **Arguments:** ``information``: of every case on
+    the free unknowns. **Returns** one mask per fold, none with the reason where no honest split exists.
     """
     cluster, speeds = measurement.speed_cluster()
-    if len(measurement.runs) >= MAX_FOLDS:
-        label, count = measurement.run, len(measurement.runs)
-    elif len(speeds) >= 3:
-        label, count = cluster, len(speeds)
-    else:
-        empty = np.zeros((0, len(measurement.run)), bool)
-        return empty, f"{len(measurement.runs)} runs at {len(speeds)} speeds leave nothing to hold out: take five runs or three speeds"
-    fold = label % min(MAX_FOLDS, count)
-    return np.stack([fold == k for k in range(min(MAX_FOLDS, count))]), ""
+    whole = _rank(np.sum(information, axis=0))
+    for label, count, least in ((measurement.run, len(measurement.runs), MAX_FOLDS), (cluster, len(speeds), 3)):
+        if count >= least:
+            fold = label % min(MAX_FOLDS, count)
+            folds = np.stack([fold == k for k in range(min(MAX_FOLDS, count))])
+            if all(_rank(np.sum(information[~left_out], axis=0)) == whole for left_out in folds):
+                return folds, ""
+    runs = "1 run" if len(measurement.runs) == 1 else f"{len(measurement.runs)} runs"
+    at = "1 speed" if len(speeds) == 1 else f"{len(speeds)} speeds"
+    reason = f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take five runs or three speeds that each show all"
+    return np.zeros((0, len(measurement.run)), bool), reason
+
+
+def _rank(information: Float[np.ndarray, "param param"]) -> int:
+    """Number of directions that the data determine better than a hundredth of the prior."""
+    return int(np.count_nonzero(np.linalg.eigvalsh(information) > 1e-2)) if len(information) else 0
 
 
 def residual(space: Space, data: Data, unknowns: Array) -> Float[Array, "case probe order 2"]:
@@ -136,7 +149,7 @@ def _quadratic(space: Space, data: Data, free: Array, training: Array) -> Callab
         return jax.ops.segment_sum(values, data.run, data.run_count)
 
     def per_case(array: Array) -> Array:
-        return array.reshape(array.shape[0], -1, *array.shape[4:])
+        return array.reshape(array.shape[0], math.prod(array.shape[1:4]), *array.shape[4:])
 
     def evaluate(unknowns: Array) -> Quadratic:
         slopes, error = jax.jacfwd(lambda u: (residual(space, data, u),) * 2, has_aux=True)(unknowns)

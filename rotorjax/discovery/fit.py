@@ -6,18 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
+from scipy.special import stdtrit
 
 from rotorjax._core import CONVERGED, RESULT_TEXT, numpy_pair, require_float64
 from rotorjax.discovery.descent import Data, End, Local, best_of, declared_starts, descend, make_data, make_folds
-from rotorjax.discovery.noise import RunScatter, infer_run_scatter
-from rotorjax.discovery.space import Entry, Space, make_space
+from rotorjax.discovery.noise import FEW_RUNS, RunScatter, infer_run_scatter, reduced_chi2, whitened_residual
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 from rotorjax.response import response
+from rotorjax.space import Entry, Space, make_space, with_company
 
-FEW_RUNS = 4
-"""Below this number of runs the scatter between them cannot be judged."""
+NORMAL_QUANTILE = 1.96
 UNDETERMINED = 0.8
 """Posterior over prior standard deviation above which the data are said not to determine a parameter."""
 MISFIT_ROUNDS = 12
@@ -74,6 +74,8 @@ class Fit:
     """Standard error that had to be added to the table's, per component, to account for what is left [m]."""
     free: tuple[str, ...]
     """Names of the effects that were fitted."""
+    quantile: float
+    """Standard errors in half a 95 % interval: Student's, by the number of clusters, where the misfit rules."""
     covariance: Float[np.ndarray, "param param"]
     """Posterior covariance of the unknowns."""
     stage: "Stage"
@@ -100,7 +102,8 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     Minimises Σ |(z - z_model)/σ|² + Σ u², u the parameters in units of their prior scale (maximum a posteriori), by
     Levenberg-Marquardt from every declared start; the best descent wins. Standard errors are the larger of the
     posterior's and of the cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter
-    between runs widens them. σ² is that of the table plus what the misfit demands: see `Fit.misfit`.
+    between runs widens them; with fewer than four runs the clusters are single cases, which scatter between runs
+    escapes. σ² is that of the table plus what the misfit demands: see `Fit.misfit`.
 
     **Arguments:** ``model``; ``measurement``; ``free``: names of the effects to fit, by default all that the model
     has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
@@ -137,31 +140,31 @@ def _stage(model: Model, everything: Model, measurement: Measurement, names: tup
     for effect in everything.effects:
         company |= set(type(effect).relatives)
     classes = CATALOG | {e.name: type(e) for e in everything.effects}
-    full = model.with_orders(measurement.orders)
-    for name in sorted(company):
-        if name not in full:
-            full = full + classes[name]()
+    full = with_company(model.with_orders(measurement.orders), company, classes)
     space = make_space(full, measurement.knowledge)
     keep = frozenset({e.name for e in model.effects} | uncertain)
     return Stage(space, measurement, names, space.free(list(names), fixed), keep)
 
 
 def _fit(stage: Stage, *, held_out: bool) -> Fit:
-    """Fits under a shrinking allowance for misfit, until it equals the misfit found.
+    """The likelier of two fits: one that tightens from a wide allowance for misfit, one that starts from the table's noise.
 
-    Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly
-    determined parameters anywhere. The allowance, one isotropic standard error added to the table's, starts at the
-    size of the measured vectors and falls to what the fit leaves; it vanishes where the model holds.
+    Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly determined
+    parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
+    equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
+    nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
     """
     measurement = stage.measurement
-    now = _round(stage, max(measurement.rms, LEAST_NOISE), declared_starts(stage.space, stage.free))
-    for _ in range(MISFIT_ROUNDS - 1):
-        if abs(now.misfit - now.allowance) <= MISFIT_CHANGE * now.allowance:
-            break
-        now = _round(stage, now.misfit, now.points)
-    folds, reason = make_folds(measurement) if held_out else (np.ones((0, len(measurement.run)), bool), "not asked for")
-    starts = np.tile(now.best.point, (len(folds), 1))
-    again = descend(stage.space, now.data, starts, stage.free, ~folds) if len(folds) else []
+    starts = declared_starts(stage.space, stage.free)
+    wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
+    floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
+    narrow = _settle(stage, floor, np.concatenate([wide.best.point[None], starts]))
+    now = min((wide, narrow), key=lambda r: r.minus_log_posterior)
+    folds, reason = np.zeros((0, len(measurement.run)), bool), "not asked for"
+    if held_out:
+        slopes = now.best.local.slopes[..., stage.free]
+        folds, reason = make_folds(measurement, np.einsum("cmp,cmq->cpq", slopes, slopes))
+    again = descend(stage.space, now.data, np.tile(now.best.point, (len(folds), 1)), stage.free, ~folds) if len(folds) else []
     return _summary(stage, now, _held_out(now.data, again, folds), reason)
 
 
@@ -174,35 +177,62 @@ class _Round(NamedTuple):
     points: Float[np.ndarray, "start param"]
     misfit: float
 
+    @property
+    def settled(self) -> bool:
+        """Whether the misfit found is the one allowed for."""
+        return abs(self.misfit - self.allowance) <= MISFIT_CHANGE * self.allowance
 
-def _round(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"]) -> _Round:
-    data = make_data(stage.measurement, stage.space.model, allowance)
+    @property
+    def minus_log_posterior(self) -> float:
+        """Up to a constant; the noise's own normalisation counts, so that allowances can be compared."""
+        weight = np.asarray(self.data.weight)
+        return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
+
+
+def _settle(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"]) -> _Round:
+    """Rounds until the allowance equals the misfit found."""
+    now = _round(stage, allowance, starts, stage.space.model)
+    for _ in range(MISFIT_ROUNDS - 1):
+        if now.settled:
+            break
+        now = _round(stage, now.misfit, now.points, stage.space.model_at(now.best.point))
+    return now
+
+
+def _round(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"], model: Model) -> _Round:
+    data = make_data(stage.measurement, model, allowance)
     every = np.ones((len(starts), len(stage.measurement.run)), bool)
     ends = descend(stage.space, data, starts, stage.free, every)
     best = best_of(ends)
     points = np.stack([end.point if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)])
-    misfit = _misfit(residual_vectors(best.local.error, data), stage.measurement, stage.free)
-    return _Round(allowance, data, best, points, misfit)
+    left = residual_vectors(best.local.error, data)
+    return _Round(allowance, data, best, points, _misfit(left, stage, stage.space.model_at(best.point)))
 
 
-def _misfit(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> float:
+def _misfit(left: Complex[np.ndarray, "case probe order"], stage: Stage, model: Model) -> float:
     """What is left per component and degree of freedom beyond the known noise [m]; zero if the noise accounts for it."""
-    weight = measurement.weights(0.0) if measurement.sigma is not None else None
-    counted = np.repeat(measurement.present[..., None], 2, axis=-1)
-    freedom = max(1, int(counted.sum()) - int(free.sum()))
-    pairs = numpy_pair(left)[counted]
-    total = float(np.sum(pairs**2)) / freedom
-    if weight is None:
+    measurement, fitted = stage.measurement, int(stage.free.sum())
+    if measurement.sigma is None:
+        counted = np.repeat(measurement.present[..., None], 2, axis=-1)
+        counted[:, :, np.array(measurement.orders) == 0.0, 1] = False
+        total = float(np.sum(numpy_pair(left)[counted] ** 2)) / max(1, int(counted.sum()) - fitted)
         return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
-    chi2 = float(np.sum((pairs * weight[counted]) ** 2)) / freedom
-    return math.sqrt(total * (1.0 - 1.0 / chi2)) if chi2 > LARGEST_HEALTHY_CHI2 else 0.0
+    errors = whitened_residual(measurement, model, left)
+    chi2 = float(errors @ errors) / max(1, len(errors) - fitted)
+    weight = measurement.weights(0.0)
+    variance = 1.0 / float(np.mean(weight[weight > 0.0] ** 2))
+    return math.sqrt(variance * (chi2 - 1.0)) if chi2 > LARGEST_HEALTHY_CHI2 else 0.0
 
 
 def _summary(stage: Stage, now: _Round, held_out: float | None, reason: str) -> Fit:
     space, measurement, free = stage.space, stage.measurement, stage.free
     best, data = now.best, now.data
-    by_run = whitened_by_run(best.local, data)
-    covariance = _covariance(best.hessian, by_run, free)
+    clusters = whitened_by_run(best.local, data)
+    if len(clusters) < FEW_RUNS:
+        # Too few runs to judge what they share: every case is its own cluster.
+        clusters = [Local(error, slopes) for error, slopes in zip(best.local.error, best.local.slopes, strict=True)]
+    covariance = _covariance(best.hessian, clusters, free)
+    quantile = float(stdtrit(max(len(clusters) - 1, 1), 0.975)) if now.allowance > 0.0 and measurement.sigma is not None else NORMAL_QUANTILE
     fitted = space.model_at(best.point)
     left = residual_vectors(best.local.error, data)
     return Fit(
@@ -210,27 +240,19 @@ def _summary(stage: Stage, now: _Round, held_out: float | None, reason: str) -> 
         estimates=_estimates(space, best, covariance, free),
         predicted=np.asarray(response(fitted, measurement.conditions)),
         result=RESULT_TEXT[best.result],
-        converged=best.result == CONVERGED,
+        converged=best.result == CONVERGED and now.settled,
         steps=best.steps,
-        reduced_chi2=_reduced_chi2(left, measurement, free),
+        reduced_chi2=reduced_chi2(measurement, fitted, left, fitted=int(free.sum())),
         held_out_rms=held_out,
         held_out_reason=reason,
         run_scatter=infer_run_scatter(measurement, fitted, -left),
         misfit=now.allowance,
         free=stage.names,
+        quantile=quantile,
         covariance=covariance,
         stage=stage,
         end=best,
     )
-
-
-def _reduced_chi2(left: np.ndarray, measurement: Measurement, free: np.ndarray) -> float | None:
-    """Squared residual in the table's standard errors per degree of freedom."""
-    if measurement.sigma is None:
-        return None
-    weight = measurement.weights(0.0)
-    freedom = int(np.count_nonzero(weight)) - int(free.sum())
-    return float(np.sum((numpy_pair(left) * weight) ** 2)) / freedom if freedom > 0 else None
 
 
 def whitened_by_run(local: Local, data: Data) -> list[Local]:
@@ -248,13 +270,13 @@ def whitened_by_run(local: Local, data: Data) -> list[Local]:
     return runs
 
 
-def _covariance(hessian: np.ndarray, by_run: list[Local], free: np.ndarray) -> np.ndarray:
-    """Posterior covariance, its standard errors raised to the cluster-robust ones where there are runs enough."""
+def _covariance(hessian: np.ndarray, clusters: list[Local], free: np.ndarray) -> np.ndarray:
+    """Posterior covariance, its standard errors raised to the cluster-robust ones."""
     posterior = np.linalg.inv(hessian)
-    if len(by_run) < FEW_RUNS:
+    if len(clusters) < 2:
         return posterior
-    scores = np.stack([slope.T @ error for error, slope in by_run]) * free
-    small_sample = len(by_run) / (len(by_run) - 1.0)
+    scores = np.stack([slope.T @ error for error, slope in clusters]) * free
+    small_sample = len(clusters) / (len(clusters) - 1.0)
     robust = posterior @ (small_sample * scores.T @ scores + np.eye(len(hessian))) @ posterior
     growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
     return posterior * growth[:, None] * growth[None, :]

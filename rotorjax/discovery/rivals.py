@@ -35,10 +35,12 @@ def rivals(fitted: Fit) -> list[Rival]:
     starts; nothing is compiled anew. **Returns** the rivals, for every effect the nearest first.
     """
     space, measurement = fitted.stage.space, fitted.stage.measurement
-    data = make_data(measurement, space.model, fitted.misfit)
+    data = make_data(measurement, space.model_at(fitted.end.point), fitted.misfit)
     present = {e.name: type(e) for e in space.model.effects}
     found = []
     for name in fitted.free:
+        if not _only_of(fitted, name).any():
+            continue  # declared uncertain: estimated along whatever is added
         others = [n for n in fitted.free if n != name]
         candidates = [r for r in present[name].relatives if r in present and r not in fitted.stage.keep]
         swaps = [_swapped(fitted, data, name, others, rival) for rival in [None, *candidates]]

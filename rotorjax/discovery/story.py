@@ -72,8 +72,8 @@ def tell(model: Model, measurement: Measurement, additions: list[Effect], *, fix
     if not additions:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())
     fits = fit_steps(model, additions, measurement, fixed=fixed)
-    views = tuple(compare_vectors(f.predicted, measurement) for f in fits)
-    declared = compare_vectors(_as_declared(fits[0], measurement), measurement)
+    views = tuple(compare_vectors(f.predicted, measurement, f.model) for f in fits)
+    declared = compare_vectors(_as_declared(fits[0], measurement), measurement, model)
     return Story(model, measurement, declared, names, tuple(fits), views, tuple(rivals(fits[-1])))
 
 

@@ -15,6 +15,7 @@ LAYERS = [
     {"rotor"},
     {"response"},
     {"measurement", "io", "simulate"},
+    {"space"},
     {"inverse"},
     {"discovery"},
     {"plots", "report", "pictures", "catalogue", "data"},

@@ -24,9 +24,13 @@ def measurement_of(z, *, sigma=1e-6, orders=(1.0,), runs=None, speeds=None, **ch
     return dataclasses.replace(made, **changes)
 
 
+def held(predicted, measurement):
+    return compare_vectors(predicted, measurement, Model(Jeffcott(1.0, 5e4, 0.02)))
+
+
 def test_residuals_and_where():
     z = np.array([[[3e-6 + 4e-6j], [0.0]], [[1e-6], [1e-6j]]])
-    view = compare_vectors(np.zeros_like(z, complex), measurement_of(z))
+    view = held(np.zeros_like(z, complex), measurement_of(z))
     assert view.rms == pytest.approx(np.sqrt((25 + 0 + 1 + 1) / 4) * 1e-6)
     assert view.reduced_chi2 == pytest.approx(27 / 8)
     worst = view.where()[0]
@@ -40,7 +44,7 @@ def test_residuals_and_where():
 
 def test_amplitude_ratio_and_phase_error():
     z = np.array([[[2e-6], [2e-6]]])
-    cell = compare_vectors(z * 1.1 * np.exp(0.1j), measurement_of(z)).where()[0]
+    cell = held(z * 1.1 * np.exp(0.1j), measurement_of(z)).where()[0]
     assert cell.amplitude_ratio == pytest.approx(1.1)
     assert cell.phase_error_deg == pytest.approx(np.degrees(0.1))
 
@@ -48,7 +52,7 @@ def test_amplitude_ratio_and_phase_error():
 def test_unknown_noise_and_absent_cells():
     z = np.array([[[2e-6], [1e-6]]])
     present = np.array([[[True], [False]]])
-    view = compare_vectors(np.zeros_like(z, complex), measurement_of(z, sigma=None, present=present))
+    view = held(np.zeros_like(z, complex), measurement_of(z, sigma=None, present=present))
     assert view.reduced_chi2 is None
     assert view.where()[0].standardised is None
     assert view.rms == pytest.approx(2e-6)
@@ -57,13 +61,13 @@ def test_unknown_noise_and_absent_cells():
 
 def test_half_orders_are_compared_up_to_their_sign():
     z = np.array([[[1e-6 + 1e-6j], [2e-6]]])
-    view = compare_vectors(-z, measurement_of(z, orders=(0.5,)))
+    view = held(-z, measurement_of(z, orders=(0.5,)))
     assert view.rms == pytest.approx(0.0, abs=1e-20)
 
 
 def test_order_zero_counts_once():
     z = np.array([[[1e-6], [-1e-6]]])
-    view = compare_vectors(np.zeros_like(z, complex), measurement_of(z, orders=(0.0,)))
+    view = held(np.zeros_like(z, complex), measurement_of(z, orders=(0.0,)))
     assert view.reduced_chi2 == pytest.approx(1.0)
 
 
@@ -87,14 +91,26 @@ def test_speeds_within_two_percent_are_one():
 
 
 def test_folds():
-    five = measurement_of(np.ones((10, 2, 1)), runs=np.repeat(np.arange(5), 2))
-    assert make_folds(five)[0].shape == (5, 10)
+    def folds(measurement):
+        return make_folds(measurement, np.ones((len(measurement.run), 1, 1)))
+
+    assert folds(measurement_of(np.ones((10, 2, 1)), runs=np.repeat(np.arange(5), 2)))[0].shape == (5, 10)
     few = measurement_of(np.ones((2, 2, 1)), runs=[0, 1])
-    folds, reason = make_folds(dataclasses.replace(few, conditions=Conditions.at_rpm([1000.0, 1001.0])))
-    assert len(folds) == 0
-    assert "take five runs or three speeds" in reason
-    speeds = measurement_of(np.ones((4, 2, 1)))
-    assert make_folds(speeds)[0].sum() == 4
+    none, reason = folds(dataclasses.replace(few, conditions=Conditions.at_rpm([1000.0, 1001.0])))
+    assert len(none) == 0
+    assert "2 runs at 1 speed leave" in reason
+    assert folds(measurement_of(np.ones((4, 2, 1))))[0].sum() == 4
+
+
+def test_a_fold_that_would_lose_what_only_one_run_shows_is_refused():
+    """Five runs, one of which alone shows the second parameter: folds go over speeds instead."""
+    runs = np.repeat(np.arange(5), 3)
+    measurement = measurement_of(np.ones((15, 2, 1)), runs=runs, speeds=np.tile([1000.0, 1200.0, 1400.0], 5))
+    information = np.zeros((15, 2, 2))
+    information[:, 0, 0] = 1.0
+    information[runs == 4, 1, 1] = 1.0
+    folds, _ = make_folds(measurement, information)
+    assert len(folds) == 3
 
 
 def test_scatter_between_runs_is_found(paper_rotor, rng):

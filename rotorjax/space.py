@@ -1,6 +1,6 @@
 """The parameter vector of a fit: every entry of every effect in the model, in units of its prior scale."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,8 +12,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
 from rotorjax._core import Unit, unit_of
+from rotorjax.effects import CATALOG
 from rotorjax.measurement import Knowledge
-from rotorjax.model import Model
+from rotorjax.model import Effect, Model
 
 
 class Entry(NamedTuple):
@@ -41,11 +42,13 @@ class Entry(NamedTuple):
 class Space(eqx.Module):
     """Maps a vector of unknowns, each of prior variance one, to a model.
 
-    Value of entry i: scale_i u_j, or exp(scale_i u_j) - 1 if logarithmic, where j is its unknown. The null of every
-    effect is u = 0.
+    Value of entry i: scale_i u_j, where j is its unknown; the null of every effect is u = 0. A value that the user
+    declared uncertain is given_i + scale_i u_j, or (1 + given_i) exp(scale_i u_j) - 1 if it is a positive quantity: what
+    the model says is its centre.
     """
 
     model: Model
+    centre: Float[Array, "param"]
     scale: Float[Array, "param"]
     logarithmic: Bool[Array, "param"]
     unknown: Int[Array, "param"]
@@ -55,14 +58,16 @@ class Space(eqx.Module):
         """The model at these unknowns."""
         moved = self.scale * unknowns[self.unknown]
         # The inner choice keeps an overflow of the branch not taken out of the gradient.
-        values = jnp.where(self.logarithmic, jnp.expm1(jnp.where(self.logarithmic, moved, 0.0)), moved)
+        factor = jnp.expm1(jnp.where(self.logarithmic, moved, 0.0))
+        values = self.centre + jnp.where(self.logarithmic, (1.0 + self.centre) * factor, moved)
         _, unravel = ravel_pytree(self.model.effects)
         return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
 
     def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
         """Value of every entry [SI]."""
-        moved = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)]
-        return np.where(self.logarithmic, np.expm1(np.where(self.logarithmic, moved, 0.0)), moved)
+        moved, centre = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)], np.asarray(self.centre)
+        factor = np.expm1(np.where(self.logarithmic, moved, 0.0))
+        return centre + np.where(self.logarithmic, (1.0 + centre) * factor, moved)
 
     def model_at(self, unknowns: Float[np.ndarray, "param"]) -> Model:
         """`at` for known numbers, outside compiled code."""
@@ -73,10 +78,8 @@ class Space(eqx.Module):
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""
-        given = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(self.model.effects)] or [np.zeros(0)])
-        moved = np.where(self.logarithmic, np.log1p(np.where(self.logarithmic, given, 0.0)), given) / np.asarray(self.scale)
-        unknowns = np.zeros(len(given))
-        unknowns[np.asarray(self.unknown)] = moved
+        unknowns = np.zeros(len(self.entries))
+        unknowns[np.asarray(self.unknown)] = (_given(self.model) - np.asarray(self.centre)) / np.asarray(self.scale)
         return unknowns
 
     def free(self, effects: list[str], fixed: frozenset[str] = frozenset()) -> np.ndarray:
@@ -86,6 +89,11 @@ class Space(eqx.Module):
             if (entry.effect in effects or entry.declared_uncertain) and entry.key not in fixed:
                 mask[entry.unknown] = True
         return mask
+
+
+def _given(model: Model) -> Float[np.ndarray, "param"]:
+    leaves = jax.tree.leaves(model.effects)
+    return np.concatenate([np.ravel(leaf) for leaf in leaves]) if leaves else np.zeros(0)
 
 
 def make_space(model: Model, knowledge: Knowledge) -> Space:
@@ -107,10 +115,20 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
                 unknown = len(entries) if known is None else groups.setdefault(known.group, len(entries))
                 scale, logarithmic = (own, False) if known is None else (known.deviation, known.logarithmic)
                 entries.append(Entry(effect.name, label, scale, logarithmic, known is not None, unknown))
+    declared = np.array([e.declared_uncertain for e in entries], dtype=bool)
     return Space(
         model,
+        jnp.asarray(np.where(declared, _given(model), 0.0)),
         jnp.asarray(np.array([e.scale for e in entries], dtype=float)),
         jnp.asarray(np.array([e.logarithmic for e in entries], dtype=bool)),
         jnp.asarray(np.array([e.unknown for e in entries], dtype=int)),
         tuple(entries),
     )
+
+
+def with_company(model: Model, names: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Model:
+    """The model with the effects of these names, at their null where it does not have them."""
+    for name in sorted(names):
+        if name not in model:
+            model = model + catalog[name]()
+    return model
