@@ -115,13 +115,37 @@ def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
     return rig, rig.measurement(table, options.data)
 
 
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Refuse outputs that would overwrite an input or one another, or cannot be written, before anything is computed."""
+    read = {path.resolve(): f"{path} is read" for path in (getattr(options, n, None) for n in ("data", "rig", "like")) if path}
+    problems = []
+    for name in ("json", "report", "write_rig", "output"):
+        path = getattr(options, name, None)
+        if path is None:
+            continue
+        flag = "--" + name.replace("_", "-")
+        if path.resolve() in read:
+            problems.append(f"{flag} {path}: {read[path.resolve()]} by the same command; choose another file")
+        elif path.is_dir() or not path.name:
+            problems.append(f"{flag} {path}: is a folder; name a file")
+        elif not path.parent.is_dir():
+            problems.append(f"{flag} {path}: cannot be written, the folder {path.parent} does not exist; make it first")
+        read.setdefault(path.resolve(), f"{path} is written")
+    if problems:
+        raise InputError(*problems)
+
+
 def _compare(options: argparse.Namespace) -> None:
+    _check_outputs(options)
     _compute()
     from rotorjax.discovery.story import tell
     from rotorjax.report import comparison_json, comparison_text
 
     rig, measurement = _read(options)
     additions, fixed = parse_effects(options.effect, rig.model.with_orders(measurement.orders))
+    declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
+    if already := [effect.name for effect in additions if effect.name in declared]:
+        raise InputError(f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; leave it out")
     story = tell(rig.model, measurement, additions, fixed=fixed)
     print(comparison_text(story))
     if options.write_rig:
@@ -157,6 +181,9 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
     effects, fixed, problems = [], set(), []
     for text in texts:
         name, _, assignments = text.partition(":")
+        if name in {effect.name for effect in effects}:
+            problems.append(f"--effect {text}: {name} is there already; give all its values in one --effect")
+            continue
         if name not in CATALOG:
             problems.append(f"--effect {text}: unknown effect {name!r}; {nearest(name, CATALOG)}")
             continue
@@ -176,13 +203,24 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
                 continue
             given.update(dict.fromkeys(matching, number))
         fixed |= {f"{name}.{label}" for label in given}
-        effects.append(effect_from_labels(CATALOG[name], model.layout, given))
+        effects.append(effect_from_labels(CATALOG[name], model.layout, _beyond(model, name, given)))
     if problems:
         raise InputError(*problems)
     return effects, frozenset(fixed)
 
 
+def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, float]:
+    """Values given less those that the model has already: what is added makes up the value given."""
+    present = model.find(name)
+    if present is None:
+        return given
+    labels = [label for p in present.parameters() for label in p.labels(model.layout)]
+    has = dict(zip(labels, (float(v) for value in present.values() for v in value.ravel()), strict=True))
+    return {label: value - has[label] for label, value in given.items()}
+
+
 def _diagnose(options: argparse.Namespace) -> None:
+    _check_outputs(options)
     _compute()
     from rotorjax.inverse import diagnose
     from rotorjax.report import diagnosis_json, diagnosis_table, measurement_line
@@ -198,6 +236,9 @@ def _diagnose(options: argparse.Namespace) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
+    _check_outputs(options)
+    if options.like and options.orders:
+        raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     _compute()
     from rotorjax.io.rig import read_measurement, read_rig
     from rotorjax.simulate import noisy, plan_like, plan_speeds
@@ -207,7 +248,10 @@ def _simulate(options: argparse.Namespace) -> None:
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
     plan = plan_like(read_measurement(options.like, rig)) if options.like else plan_speeds(rig, options.speeds, options.orders or "1")
     model = rig.model.with_orders(plan.orders)
-    additions, _ = parse_effects(options.effect, model)
+    additions, given = parse_effects(options.effect, model)
+    for effect in additions:
+        if not any(key.startswith(f"{effect.name}.") for key in given):
+            raise InputError(f"--effect {effect.name}: give its values, like {effect.name}:{effect.parameters()[0].name}=1.0")
     made = noisy(model.plus(additions), plan, noise_um=options.noise_um, seed=options.seed)
     rig.write_measurement(options.output, made)
     print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")

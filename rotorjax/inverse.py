@@ -24,7 +24,7 @@ RESOLVED = 2.0
 """An entangled fault is still told apart if it is this many standard errors large."""
 NEAR_PEAK = 0.1
 """Half width of the band around a resonance that is not proposed for measuring: there the model's own error rules."""
-PASSES = 4
+PASSES = 3
 """Gauss-Newton passes over the uncertain values; without any the map is linear and one is exact."""
 
 
@@ -175,27 +175,44 @@ def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ..
     return Diagnosis(tuple(runs), found)
 
 
+class _Pass(NamedTuple):
+    """One joint least-squares solution: faults of every run, uncertain values, and the covariance of both."""
+
+    model: Model
+    rows: list[_Rows]
+    answer: Float[np.ndarray, "unknown"]
+    covariance: Float[np.ndarray, "unknown unknown"]
+    faults: Float[np.ndarray, "run 4"]
+    point: Float[np.ndarray, "param"]
+    excess: float
+
+
 def _solve(space: Space, measurement: Measurement) -> tuple[list[_Solution], Model]:
     """Faults of every run and the uncertain values, by Gauss-Newton over the latter; and the model at them."""
     uncertain = sorted({e.unknown for e in space.entries if e.declared_uncertain})
-    point = space.given_unknowns()
-    faults, excess = np.zeros((len(measurement.runs), 4)), 1.0
-    for number in range(PASSES if uncertain else 1):
-        moved = uncertain if number else []
-        model = space.model_at(point)
-        rows = _rows(space, point, moved, measurement, faults)
-        matrix, target = _joint(rows, point[moved], excess)
-        norm = np.linalg.norm(matrix, axis=0)
-        norm[norm == 0.0] = 1.0
-        answer = np.linalg.lstsq(matrix / norm, target, rcond=1e-10)[0] / norm
-        left = (target - matrix @ answer)[: len(target) - len(moved)]
-        excess = max(1.0, float(left @ left) / max(1, len(left) - faults.size))
-        faults = answer[: faults.size].reshape(faults.shape)
-        point = point.copy()
-        point[moved] += answer[faults.size :]
-    covariance = np.linalg.pinv((matrix / norm).T @ (matrix / norm), rcond=1e-14, hermitian=True) / np.outer(norm, norm)
+    nothing = np.zeros((len(measurement.runs), 4))
+    now = _pass(space, measurement, [], nothing, space.given_unknowns(), 1.0)
+    for _ in range(PASSES if uncertain else 0):
+        now = _pass(space, measurement, uncertain, now.faults, now.point, now.excess)
     known = measurement.sigma is not None
-    return [_solution(k, rows[k], answer, covariance, known) for k in range(len(rows))], model
+    return [_solution(k, rows, now.answer, now.covariance, known) for k, rows in enumerate(now.rows)], now.model
+
+
+def _pass(space: Space, measurement: Measurement, moved: list[int], faults: np.ndarray, point: np.ndarray, excess: float) -> _Pass:
+    rows = _rows(space, point, moved, measurement, faults)
+    matrix, target = _joint(rows, point[moved], excess)
+    norm = np.linalg.norm(matrix, axis=0)
+    norm[norm == 0.0] = 1.0
+    scaled = matrix / norm
+    answer = np.linalg.lstsq(scaled, target, rcond=1e-10)[0] / norm
+    covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(norm, norm)
+    left = (target - matrix @ answer)[: len(target) - len(moved)]
+    after = point.copy()
+    after[moved] += answer[faults.size :]
+    model = space.model_at(point)
+    return _Pass(
+        model, rows, answer, covariance, answer[: faults.size].reshape(faults.shape), after, max(1.0, float(left @ left) / max(1, len(left) - faults.size))
+    )
 
 
 def _rows(space: Space, point: np.ndarray, uncertain: list[int], measurement: Measurement, faults: np.ndarray) -> list[_Rows]:
@@ -333,8 +350,8 @@ def _hopeless(solution: _Solution, model: Model) -> str:
     if solution.scale is None:
         return "the noise is unknown and nothing is left over to judge it by: give sigma_um, repeats, or a second speed"
     if solution.chi2 is not None and solution.chi2 > 1.0 + HEALTHY_SPREADS * math.sqrt(2.0 / solution.freedom):
-        times = f"{math.sqrt(solution.chi2):.3g}"
-        return f"the model does not hold here: it leaves {times} times the standard error, and what it lacks may pose as a fault; run `rotorjax compare`"
+        times = f"it leaves {math.sqrt(solution.chi2):.3g} times the standard error"
+        return f"the model does not hold here: {times}, and what it lacks may pose as a fault; run `rotorjax compare`"
     return ""
 
 
@@ -370,7 +387,8 @@ def _entanglement(speeds: np.ndarray, model: Model) -> str:
     axes = " and ".join(f"{speed:.0f}" for speed in resonances_rpm(model))
     if np.ptp(speeds) <= 0.02 * np.min(speeds):
         return f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (resonances at {axes} rpm): bow and unbalance look alike there"
-    return f"bow and unbalance look alike at {', '.join(f'{s:.0f}' for s in np.unique(speeds))} rpm, within the noise and what is uncertain (resonances at {axes} rpm)"
+    listed = ", ".join(f"{speed:.0f}" for speed in np.unique(speeds))
+    return f"bow and unbalance look alike at {listed} rpm, within the noise and what is uncertain (resonances at {axes} rpm)"
 
 
 def _cure(solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:

@@ -168,6 +168,9 @@ def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
 def findings(story: Story) -> list[str]:
     """What else a user must know: ties, effects without use, combinations, scatter between runs, failures to converge."""
     lines = []
+    if story.undriven:
+        names = ", ".join(f"{order:g}X" for order in story.undriven)
+        lines.append(f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without effects shows them.")
     for name in dict.fromkeys(story.additions):
         lines += _rival_lines(name, [r for r in story.rivals if r.effect == name], story)
     if tangled := story.correlated():

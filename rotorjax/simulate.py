@@ -26,7 +26,7 @@ def plan_speeds(rig: Rig, speeds: str, orders: str) -> Measurement:
     try:
         low, high, count = speeds.split(":")
         grid = np.linspace(float(low), float(high), int(count))
-        if not (len(grid) and grid[0] > 0.0 and np.all(np.isfinite(grid))):
+        if not (len(grid) and np.all(grid > 0.0) and np.all(np.isfinite(grid))):
             raise ValueError(speeds)
     except ValueError as error:
         raise InputError(f"--speeds {speeds}: write LOW:HIGH:COUNT in rpm, like 600:3500:15") from error

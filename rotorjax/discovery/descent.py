@@ -160,7 +160,7 @@ def _quadratic(space: Space, data: Data, free: Array, training: Array) -> Callab
         hessian = jnp.einsum("cmp,cmq->pq", slopes, slopes)
         if data.scatter.shape[-1]:
             random = per_case(data.scatter) * training[:, None, None]
-            inner = jnp.eye(random.shape[-1]) + per_run(jnp.einsum("cml,cmk->clk", random, random))
+            inner = jnp.eye(random.shape[-1])[None] + per_run(jnp.einsum("cml,cmk->clk", random, random))
             score = per_run(jnp.einsum("cml,cm->cl", random, error))
             cross = per_run(jnp.einsum("cml,cmp->clp", random, slopes))
             solved = jnp.linalg.solve(inner, jnp.concatenate([score[..., None], cross], axis=-1))

@@ -159,7 +159,9 @@ def _fit(stage: Stage, *, held_out: bool) -> Fit:
     wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     narrow = _settle(stage, floor, np.concatenate([wide.best.point[None], starts]))
-    now = min((wide, narrow), key=lambda r: r.minus_log_posterior)
+    # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
+    holds = narrow.settled and narrow.misfit == 0.0
+    now = narrow if holds else min((wide, narrow), key=lambda r: r.minus_log_posterior)
     folds, reason = np.zeros((0, len(measurement.run)), bool), "not asked for"
     if held_out:
         slopes = now.best.local.slopes[..., stage.free]
@@ -261,7 +263,8 @@ def whitened_by_run(local: Local, data: Data) -> list[Local]:
     runs = []
     for run in range(data.run_count):
         cases = np.asarray(data.run) == run
-        error, slopes, common = local.error[cases].ravel(), local.slopes[cases].reshape(-1, local.slopes.shape[-1]), random[cases]
+        error, common = local.error[cases].ravel(), random[cases]
+        slopes = local.slopes[cases].reshape(len(error), local.slopes.shape[-1])
         if common.shape[-1]:
             block = common.reshape(len(error), -1)
             factor = np.linalg.cholesky(np.eye(len(error)) + block @ block.T)

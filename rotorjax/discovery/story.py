@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 
 from rotorjax._core import MICROMETRE
@@ -29,6 +30,8 @@ class Story:
     views: tuple[Comparison, ...]
     """The comparison after each fit."""
     rivals: tuple[Rival, ...]
+    undriven: tuple[float, ...] = ()
+    """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
 
     @property
     def last(self) -> Comparison:
@@ -71,12 +74,37 @@ def tell(model: Model, measurement: Measurement, additions: list[Effect], *, fix
     names = tuple(effect.name for effect in additions)
     if not additions:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())
+    undriven = undriven_orders(model.plus(additions), measurement)
+    measurement = without_orders(measurement, undriven)
     fits = fit_steps(model, additions, measurement, fixed=fixed)
     views = tuple(compare_vectors(f.predicted, measurement, f.model) for f in fits)
     declared = compare_vectors(_as_declared(fits[0], measurement), measurement, model)
-    return Story(model, measurement, declared, names, tuple(fits), views, tuple(rivals(fits[-1])))
+    return Story(model, measurement, declared, names, tuple(fits), views, tuple(rivals(fits[-1])), undriven)
 
 
 def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:
     """The prediction before anything was fitted, by the model that is compiled already."""
     return np.asarray(response(first.stage.space.model, measurement.conditions))
+
+
+def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]:
+    """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of them."""
+    full = model.with_orders(measurement.orders)
+    stirred = full.plus([e.replaced([jnp.full_like(v, 1e-3) for v in e.values()]) for e in full.effects])
+    size = np.max(np.abs(np.asarray(response(stirred, measurement.conditions))), axis=(0, 1))
+    silent = tuple(order for order, largest in zip(measurement.orders, size, strict=True) if largest == 0.0)
+    return silent if len(silent) < len(measurement.orders) else ()
+
+
+def without_orders(measurement: Measurement, orders: tuple[float, ...]) -> Measurement:
+    """The measurement without the vectors of some orders."""
+    if not orders:
+        return measurement
+    kept = [k for k, order in enumerate(measurement.orders) if order not in orders]
+    return dataclasses.replace(
+        measurement,
+        orders=tuple(measurement.orders[k] for k in kept),
+        vectors=measurement.vectors[:, :, kept],
+        present=measurement.present[:, :, kept],
+        sigma=None if measurement.sigma is None else measurement.sigma[:, :, kept],
+    )

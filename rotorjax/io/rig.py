@@ -70,11 +70,11 @@ class Rig:
     def measurement(self, table: Table, path: Path) -> Measurement:
         """A table's rows as a measurement of this rig.
 
-        **Errors.** `InputError` for a run that the rig file lacks, with the block to paste.
+        **Errors.** `InputError` with the table's problems, and for every run that the rig file lacks the block to paste.
         """
         unknown = dict.fromkeys(row.run for row in table.rows if row.run not in self.runs)
-        if unknown:
-            raise InputError(*(self._missing_run(run, table, path) for run in unknown))
+        if problems := [*table.problems, *(self._missing_run(run, table, path) for run in unknown)]:
+            raise InputError(*problems)
         rows = [self.convention.to_internal(row) for row in table.rows]
         return arrange(rows, runs=self.runs, probes=self.model.layout.probes, knowledge=self.knowledge)
 
@@ -93,6 +93,7 @@ class Rig:
         """Write this rig file with the effects of another model, everything else as the user wrote it."""
         document = tomlkit.parse(self.text)
         document.pop("effects", None)
+        model = self._with_other_orders(model)
         if model.effects:
             effects = tomlkit.table(is_super_table=True)
             for effect in model.effects:
@@ -100,6 +101,19 @@ class Rig:
             document.add(tomlkit.nl())
             document.add("effects", effects)
         write_whole(path, tomlkit.dumps(document).rstrip("\n") + "\n")
+
+    def _with_other_orders(self, model: Model) -> Model:
+        """The model with what this rig file says of orders that it does not have."""
+        others = tuple(order for order in self.model.layout.orders if order not in model.layout.orders)
+        if not others:
+            return model
+        wider = model.with_orders(tuple(sorted({*model.layout.orders, *others})))
+        mine = self.model.with_orders(others).with_orders(wider.layout.orders)
+        for effect in mine.effects:
+            values = [v if "order" in p.axes else jnp.zeros_like(v) for p, v in zip(effect.parameters(), effect.values(), strict=True)]
+            if any("order" in p.axes for p in effect.parameters()):
+                wider = wider + effect.replaced(values)
+        return wider
 
     def write_measurement(self, path: Path, measurement: Measurement) -> None:
         """Write a measurement as a table in this rig file's conventions."""
@@ -155,10 +169,13 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = CATALOG)
         **_uncertainty(document, tuple(model_parts[1])), priors=_priors(document, catalog), limits=_limits(document),
         tolerance=tolerance, run_scatter=scatter,
     )  # fmt: skip
+    layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
+    declared = _effects(document, layout, catalog)
     document.raise_problems()
     model = _assemble(model_parts[0], model_parts[1], planes, slow_roll)
-    model = _with_effects(document, model, catalog)
-    document.raise_problems()
+    orders = {order for _, _, named in declared for order in named}
+    model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
+    model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])
     return Rig(model, runs, convention, knowledge, document.path, document.text)
 
 
@@ -353,18 +370,18 @@ def _assemble(rotor: dict[str, Any], probes: dict[str, tuple[float, float, float
     )
 
 
-def _with_effects(document: Document, model: Model, catalog: Mapping[str, type[Effect]]) -> Model:
+def _effects(document: Document, layout: Layout, catalog: Mapping[str, type[Effect]]) -> list[tuple[type[Effect], dict[str, float], tuple[float, ...]]]:
+    """Class, values by label and orders named of every section [effects.NAME]."""
+    declared = []
     for name, table in document.section("effects").tables():
         if name not in catalog:
             document.report(("effects", name), f"unknown effect; {nearest(name, catalog)}")
             continue
         orders = _orders_named(catalog[name], table.data)
-        layout = model.layout._replace(orders=orders or model.layout.orders)
-        given = _flat(table, {label for p in catalog[name].parameters() for label in p.labels(layout)})
-        if orders:
-            model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
-        model = model + effect_from_labels(catalog[name], model.layout, given)
-    return model
+        known = layout._replace(orders=orders or layout.orders)
+        given = _flat(table, {label for p in catalog[name].parameters() for label in p.labels(known)})
+        declared.append((catalog[name], given, orders))
+    return declared
 
 
 def _orders_named(cls: type[Effect], data: dict[str, Any]) -> tuple[float, ...]:

@@ -11,6 +11,8 @@ from typing import Any
 from rotorjax.errors import InputError
 from rotorjax.io.files import read_text
 
+LARGEST = 1e15
+"""No number of a rig file is larger, not even a stiffness in N/m."""
 _REQUIRED = object()
 _HEADER = re.compile(r"^\s*\[+\s*(.+?)\s*\]+\s*(#.*)?$")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.\"'-]+)\s*=")
@@ -104,6 +106,8 @@ class Section:
             self.problem(key, f"must be a number, not {value!r}")
         elif not math.isfinite(value):
             self.problem(key, f"must be finite, not {value}")
+        elif abs(value) > LARGEST:
+            self.problem(key, f"{value:g} is beyond any rotor; check its unit")
         elif not value > above:
             self.problem(key, f"must be above {above:g}, not {value:g}")
         elif not value >= least:

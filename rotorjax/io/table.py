@@ -14,6 +14,8 @@ from rotorjax.measurement import Row
 
 REQUIRED = ("run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg")
 OPTIONAL = ("sigma_um", "repeat")
+LARGEST = 1e9
+"""No amplitude in µm, speed in rpm or angle in degrees is larger."""
 _DELIMITER_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
@@ -23,6 +25,8 @@ class Table(NamedTuple):
     rows: list[Row]
     lines: list[int]
     notes: list[str]
+    problems: list[str]
+    """Rows that cannot be used, one line each: a rig adds runs that it does not know before they are raised."""
 
 
 class _Header(NamedTuple):
@@ -34,8 +38,9 @@ class _Header(NamedTuple):
 def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
     """Read a measurement table as it is written, conventions not yet applied.
 
-    **Arguments:** ``probes``: names to accept, if known. **Errors.** `InputError` with one line per problem:
-    file, line, column and cure; nothing is taken from a table with a problem.
+    **Arguments:** ``probes``: names to accept, if known. **Returns** the rows and, one line each, the problems: file,
+    line, column and cure. `Rig.measurement` refuses a table with any. **Errors.** `InputError` for a header or a file
+    that cannot be read at all.
     """
     text = read_text(path)
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
@@ -55,9 +60,7 @@ def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
     problems += _duplicates(path, rows, numbers)
     if len(lines) == 1:
         problems.append(f"{path}: no rows below the header; write one per run, speed, probe and order")
-    if problems:
-        raise InputError(*problems)
-    return Table(rows, numbers, notes)
+    return Table(rows, numbers, notes, problems)
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -92,7 +95,7 @@ def _read_header(path: Path, number: int, line: str, notes: list[str]) -> _Heade
     return _Header(delimiter, {name: names.index(name) for name in (*REQUIRED, *OPTIONAL) if name in names}, len(names))
 
 
-def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, problems: list[str]) -> Row | None:
+def _cells(place: str, line: str, header: _Header, problems: list[str]) -> list[str] | None:
     try:
         cells = _split(line, header.delimiter)
     except csv.Error as error:
@@ -101,6 +104,13 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
     if len(cells) != header.width:
         named = _DELIMITER_NAMES[header.delimiter]
         problems.append(f"{place}: {len(cells)} cells, the header has {header.width}; separate exactly {header.width} cells by {named}")
+        return None
+    return cells
+
+
+def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, problems: list[str]) -> Row | None:
+    cells = _cells(place, line, header, problems)
+    if cells is None:
         return None
     before = len(problems)
 
@@ -112,6 +122,8 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
         if value is None:
             problems.append(f"{where(name)}: {cells[header.columns[name]]!r} is not a finite number; write it like 12.5")
             return math.nan
+        if abs(value) > LARGEST:
+            problems.append(f"{where(name)}: {value:g} is beyond anything measured; check its unit")
         if value < least or (strict and value == least):
             problems.append(f"{where(name)}: {value:g} must be {'above' if strict else 'at least'} {least:g}")
         return value

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from rotorjax import read_rig
 from rotorjax.cli import main
 
 from helpers import HEADER, RIG, ROWS, write
@@ -123,6 +124,14 @@ def test_effects_and_version(capsys):
         (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--orders", "one", "--output", "{new}"], "--orders one"),
         (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--noise-um", "-1", "--output", "{new}"], "--noise-um -1.0"),
         (["example", "{folder}"], "exists already"),
+        (["compare", "{data}", "--rig", "{rig}", "--json", "{data}"], "is read by the same command"),
+        (["compare", "{data}", "--rig", "{rig}", "--write-rig", "{rig}"], "is read by the same command"),
+        (["compare", "{data}", "--rig", "{rig}", "--json", "{new}", "--report", "{new}"], "is written by the same command"),
+        (["compare", "{data}", "--rig", "{rig}", "--json", "{folder}"], "is a folder"),
+        (["compare", "{data}", "--rig", "{rig}", "--report", "{folder}/none/r.html"], "does not exist"),
+        (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error", "--effect", "mass_error"], "mass_error is there already"),
+        (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--effect", "mass_error", "--output", "{new}"], "give its values"),
+        (["simulate", "--rig", "{rig}", "--speeds", "600:-100:5", "--output", "{new}"], "--speeds 600:-100:5"),
     ],
 )
 def test_bad_input(tmp_path, capsys, arguments, words):
@@ -146,6 +155,19 @@ def test_bad_table_writes_nothing(tmp_path, capsys):
     assert run("compare", data, "--rig", toml, "--json", outputs[0], "--report", outputs[1], "--write-rig", outputs[2]) == 2
     assert "data.csv:3: column 3 (probe): unknown probe 'Q'" in capsys.readouterr().err
     assert not any(path.exists() for path in outputs)
+
+
+def test_what_is_declared_uncertain_is_not_added(tmp_path, capsys):
+    data, toml = write(tmp_path, rig=RIG + "[uncertainty]\nmass = 0.1\n")
+    assert run("compare", data, "--rig", toml, "--effect", "mass_error") == 2
+    assert "declares it uncertain" in capsys.readouterr().err
+
+
+def test_values_given_replace_those_of_the_rig(tmp_path):
+    data, toml = write(tmp_path, rig=RIG + "[effects.cross_coupling]\ncross_stiffness_n_per_m = 500.0\n")
+    arguments = ("--effect", "cross_coupling:cross_stiffness_n_per_m=800", "--write-rig", tmp_path / "n.toml")
+    assert run("compare", data, "--rig", toml, *arguments) == 0
+    assert float(read_rig(tmp_path / "n.toml").model.find("cross_coupling").cross_stiffness_n_per_m) == pytest.approx(800.0)
 
 
 def test_text_from_files_is_escaped(tmp_path):

@@ -145,3 +145,95 @@ def test_hopeless_data_get_a_verdict(sigma):
         assert found.held_out_rms is None
         assert found.held_out_reason
         assert all(np.isfinite([e.value, e.standard_error]).all() for e in found.estimates)
+
+
+ROTOR = Jeffcott(0.97, [56500.0, 51300.0], 0.02)
+
+
+def made(model, speeds, *, runs=1, unbalance=0.0, sigma=0.3e-6, seed=0, knowledge=None, true=None) -> Measurement:
+    """What a model shows, with noise; ``unbalance`` is declared installed, ``true`` really is."""
+    index = np.repeat(np.arange(runs), len(speeds))
+    installed = np.broadcast_to(unbalance, (runs, 1, 2))[index]
+    really = installed if true is None else np.broadcast_to(true, (runs, 1, 2))[index]
+    rpm = np.tile(speeds, runs)
+    z = np.asarray(response(model, Conditions.at_rpm(rpm, unbalance=really)))
+    rng = np.random.default_rng(seed)
+    z = z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    made = measurement_of(z, sigma=sigma, runs=index, speeds=rpm, knowledge=knowledge or Knowledge())
+    return dataclasses.replace(made, conditions=Conditions.at_rpm(rpm, unbalance=installed))
+
+
+@pytest.mark.parametrize("size", [100e-6, 300e-6])
+def test_few_cells_far_from_the_null(size):
+    """One run at one speed, an unbalance of several prior scales: the prior must not rule."""
+    found = fit(ROTOR + effects.ResidualUnbalance(), made(Model(ROTOR), [1500.0], true=[size, 0.0]))
+    assert found.converged
+    assert found.estimate("residual_unbalance", "unbalance_x_kg_m").value == pytest.approx(size, rel=0.02)
+    assert found.misfit == 0.0
+
+
+def test_gain_far_from_the_null():
+    measurement = made(ROTOR + effects.ChainGain(-2.0, 0.1), np.linspace(900, 2800, 8), runs=3, unbalance=[30e-6, 0.0])
+    found = fit(ROTOR + effects.ChainGain(), measurement)
+    assert found.estimate("chain_gain", "gain_real").value == pytest.approx(-2.0, abs=0.02)
+    assert found.reduced_chi2 == pytest.approx(1.0, abs=0.4)
+
+
+def test_what_all_runs_share_is_no_scatter():
+    measurement = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0], runs=6)
+    found = infer_run_scatter(measurement, Model(ROTOR), measurement.vectors)
+    assert found.unbalance_kg_m < 0.5e-6
+
+
+def test_declared_scatter_of_the_weights_is_no_misfit(rng):
+    """Weights off by 5 % and 3°, declared so: the model holds."""
+    weights = 60e-6 * np.exp(1j * rng.uniform(0, 6, 8))
+    really = weights * (1 + 0.05 * rng.standard_normal(8)) * np.exp(1j * np.radians(3.0) * rng.standard_normal(8))
+    knowledge = Knowledge(installed_unbalance=0.05, installed_angle_rad=np.radians(3.0))
+    pairs = [np.stack([w.real, w.imag], axis=-1)[:, None] for w in (weights, really)]
+    measurement = made(Model(ROTOR), [1200.0, 1700.0, 2600.0], runs=8, unbalance=pairs[0], true=pairs[1], knowledge=knowledge)
+    assert compare(ROTOR, measurement).reduced_chi2 < 1.6
+    found = fit(ROTOR + effects.CrossCoupling(), measurement)
+    assert found.misfit == 0.0
+    assert abs(found.estimates[0].value) < 4 * found.estimates[0].standard_error
+
+
+def test_sweeps_are_no_repeats():
+    """Two sweeps through a resonance at 10 rpm spacing: neighbours in speed are not repeated readings of one."""
+    from rotorjax.measurement import Installed, Row, arrange
+
+    speeds = np.arange(2000.0, 2500.0, 10.0)
+    z = np.asarray(response(ROTOR, Conditions.at_rpm(speeds, unbalance=[30e-6, 0.0])))[:, :, 0] * 1e6
+    rng = np.random.default_rng(1)
+    rows = []
+    for repeat in "12":
+        noisy = z + 0.3 * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+        rows += [
+            Row("a", rpm, probe, 1.0, abs(v), float(np.degrees(np.angle(v))), None, repeat)
+            for rpm, pair in zip(speeds, noisy, strict=True)
+            for probe, v in zip("XY", pair, strict=True)
+        ]
+    runs = {"a": Installed(np.array([[30e-6, 0.0]]), np.zeros(2))}
+    measurement = arrange(rows, runs=runs, probes=("X", "Y"), knowledge=Knowledge())
+    assert measurement.noise == "repeats"
+    assert measurement.sigma[0, 0, 0] == pytest.approx(0.3e-6, rel=0.15)
+
+
+def test_nothing_to_fit_and_no_damping():
+    measurement = made(Model(ROTOR), [1200.0, 1700.0, 2600.0], unbalance=[30e-6, 0.0])
+    assert fit(Model(ROTOR), measurement).reduced_chi2 == pytest.approx(1.0, abs=1.0)
+    undamped = Jeffcott(0.97, [56500.0, 51300.0], 0.0)
+    assert np.isfinite(fit(undamped + effects.CrossCoupling(), measurement).estimates[0].value)
+
+
+def test_orders_that_nothing_drives_are_named():
+    from rotorjax import tell
+    from rotorjax.report import findings, verdict
+
+    once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0, 2600.0], runs=2)
+    both = np.concatenate([once.vectors, np.full_like(once.vectors, 100e-6)], axis=2)
+    measurement = dataclasses.replace(once, orders=(1.0, 2.0), vectors=both, present=np.ones(both.shape, bool), sigma=np.full(both.shape, 0.3e-6))
+    story = tell(Model(ROTOR), measurement, [effects.ResidualUnbalance()])
+    assert story.undriven == (2.0,)
+    assert any("Nothing in this model drives 2X" in line for line in findings(story))
+    assert "what the noise allows" in verdict(story)
