@@ -160,10 +160,10 @@ def _compare(options: argparse.Namespace) -> None:
 def write_report(path: Path, story: Any, *, title: str) -> None:
     """Write the HTML report of a comparison."""
     from rotorjax.io.files import write_whole
-    from rotorjax.pictures import story_figures
+    from rotorjax.pictures import story_pictures
     from rotorjax.report import html_report
 
-    write_whole(path, html_report(story, title=title, pictures=story_figures))
+    write_whole(path, html_report(story, title=title, pictures=story_pictures))
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
@@ -192,6 +192,8 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
         for assignment in filter(None, assignments.split(",")):
             parameter, _, value = assignment.partition("=")
             matching = [label for label in labels if label == parameter or label.startswith(f"{parameter}.")]
+            if set(matching) & set(given):
+                problems.append(f"--effect {text}: {parameter} is given twice; keep one value")
             if not matching:
                 problems.append(f"--effect {text}: {name} has no parameter {parameter!r}; {nearest(parameter, labels)}")
             try:

@@ -17,8 +17,8 @@ MOST_RUNS = 4
 """Runs in one Bode plot: more cannot be told apart."""
 
 
-def story_figures(story: Story) -> list[tuple[str, Figure]]:
-    """Caption and figure of every view: the fall of the error, Bode, polar, map of residuals."""
+def story_pictures(story: Story) -> list[tuple[str, bytes]]:
+    """Caption and SVG of every view: the fall of the error, Bode, polar, map of residuals."""
     figures = []
     if story.fits:
         figures.append(("The error step by step as effects were added.", _fall(story)))
@@ -26,7 +26,7 @@ def story_figures(story: Story) -> list[tuple[str, Figure]]:
     figures.append((f"Amplitude and phase over speed: measured (markers) over {subject} (lines).", _bode(story)))
     figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
     figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.fits else "") + "; grey: not measured.", _maps(story)))
-    return figures
+    return [(caption, plots.svg(drawn)) for caption, drawn in figures]
 
 
 def headline_figure(story: Story) -> Figure:

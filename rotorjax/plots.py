@@ -1,7 +1,11 @@
 """Pictures: every function draws on the axes it is given and returns them. Amplitudes in µm, speeds in rpm."""
 
+import io
+import warnings
+
 import numpy as np
 from jaxtyping import Complex, Float
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -17,6 +21,15 @@ def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tupl
     """A figure with its axes, row by row, laid out so that labels do not overlap. Sizes in inches."""
     drawn = Figure(figsize=(width, height), layout="constrained")
     return drawn, list(drawn.subplots(rows, columns, squeeze=False).ravel())
+
+
+def svg(drawn: Figure) -> bytes:
+    """A figure as SVG whose text stays text: the browser has glyphs that the drawing library's font lacks."""
+    buffer = io.BytesIO()
+    with rc_context({"svg.fonttype": "none"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
 
 
 def bode(

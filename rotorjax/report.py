@@ -1,7 +1,6 @@
 """What people read: tables, the verdict in a sentence, JSON, and the HTML report. Engineering units from here on."""
 
 import base64
-import io
 import math
 from collections.abc import Callable
 from importlib.resources import files
@@ -149,7 +148,8 @@ def fall_table(story: Story) -> Table:
 def parameter_table(fitted: Fit) -> Table:
     """Fitted parameters with 95 % intervals, and what their prior was."""
     rows = [_parameter_row(e, fitted.quantile) for e in fitted.estimates]
-    return Table("Parameters (95 % intervals)", ["parameter", "value", "±", "unit", "prior ±", "remark"], rows)
+    note = "In rig files and with --effect the same values are in SI, the unit at the end of the name."
+    return Table("Parameters (95 % intervals)", ["parameter", "value", "±", "unit", "prior ±", "remark"], rows, note)
 
 
 def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
@@ -218,11 +218,16 @@ def comparison_text(story: Story) -> str:
     """Everything that `rotorjax compare` prints."""
     parts = [measurement_line(story.measurement), verdict(story)]
     if story.fits:
-        parts += [fall_table(story).text(), parameter_table(story.fits[-1]).text()]
+        parts += [table.text() for table in _step_tables(story)]
         parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
     parts += [worst_cells(story.last, title).text(), share_table(story.last, "Share of the misfit").text()]
     return "\n\n".join(parts)
+
+
+def _step_tables(story: Story) -> list[Table]:
+    """The fall of the error, and the parameters if any were fitted."""
+    return [fall_table(story), *([parameter_table(story.fits[-1])] if story.fits[-1].estimates else [])]
 
 
 def comparison_json(story: Story) -> dict[str, Any]:
@@ -337,15 +342,15 @@ class Picture(NamedTuple):
     source: str
 
 
-def html_report(story: Story, *, title: str, pictures: Callable[[Story], list[tuple[str, Any]]]) -> str:
+def html_report(story: Story, *, title: str, pictures: Callable[[Story], list[tuple[str, bytes]]]) -> str:
     """The report as one HTML file that needs no network.
 
-    **Arguments:** ``title``, escaped like all text; ``pictures``: draws (caption, matplotlib figure) pairs.
+    **Arguments:** ``title``, escaped like all text; ``pictures``: draws pairs of caption and SVG.
     """
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.tests["numeric"] = is_number
     template = environment.from_string(files("rotorjax").joinpath("templates/report.html").read_text(encoding="utf-8"))
-    tables = [fall_table(story), parameter_table(story.fits[-1])] if story.fits else []
+    tables = _step_tables(story) if story.fits else []
     return template.render(
         title=title,
         verdict=verdict(story),
@@ -354,11 +359,9 @@ def html_report(story: Story, *, title: str, pictures: Callable[[Story], list[tu
         tables=tables,
         where=[worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else []),
         shares=share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit"),
-        pictures=[Picture(caption, _svg(drawn)) for caption, drawn in pictures(story)],
+        pictures=[Picture(caption, _address(svg)) for caption, svg in pictures(story)],
     )
 
 
-def _svg(drawn: Any) -> str:
-    buffer = io.BytesIO()
-    drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+def _address(svg: bytes) -> str:
+    return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")

@@ -59,12 +59,6 @@ def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tup
     return turned @ series.inverse(), compliance
 
 
-def _forward(point: OperatingPoint, x: Array, y: Array) -> Vector:
-    """(x + iy) f: turns with the shaft."""
-    turning = jax.lax.complex(x, y)
-    return Vector(turning, -1j * point.rotor.spin * turning)
-
-
 def _motion(model: Model, point: OperatingPoint) -> Motion:
     """D q = F with D = K_p + iωC + K_disk - ω²M and F = F_unbalance + K_p bow."""
     added = _add(Matrices(), *(e.matrices(point) for e in model.effects if isinstance(e, MatrixEffect)))
@@ -75,10 +69,9 @@ def _motion(model: Model, point: OperatingPoint) -> Motion:
     mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
     dynamic = path + 1j * omega * (path_damping + Matrix.of(added.damping)) + Matrix.of(added.stiffness) + (-(omega**2)) * mass
     once = point.at_order(1.0)
-    offset = Vector.of(driven.offset) + once * _forward(point, point.bow[0], point.bow[1])
+    offset = Vector.of(driven.offset) + once * Vector.of(point.forward(point.bow))
     through = path + 1j * omega * path_damping if rotor.bow_through_damping else path
-    unbalance = jnp.sum(point.unbalance, axis=0)
-    installed = once * point.speed**2 * _forward(point, unbalance[0], unbalance[1])
+    installed = once * point.speed**2 * Vector.of(point.forward(jnp.sum(point.unbalance, axis=0)))
     disk = dynamic.solve(Vector.of(driven.force) + installed + through.times(offset))
     transmitted = path.times(disk - offset)
     return Motion(disk, Vector(compliance.x * transmitted.x, compliance.y * transmitted.y))

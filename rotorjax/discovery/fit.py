@@ -147,7 +147,7 @@ def _stage(model: Model, everything: Model, measurement: Measurement, names: tup
 
 
 def _fit(stage: Stage, *, held_out: bool) -> Fit:
-    """The likelier of two fits: one that tightens from a wide allowance for misfit, one that starts from the table's noise.
+    """A fit within the table's noise, or else the likeliest of some that start from it and from a wide allowance for misfit.
 
     Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly determined
     parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
@@ -156,18 +156,19 @@ def _fit(stage: Stage, *, held_out: bool) -> Fit:
     """
     measurement = stage.measurement
     starts = declared_starts(stage.space, stage.free)
-    wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
-    narrow = _settle(stage, floor, np.concatenate([wide.best.point[None], starts]))
+    now = _settle(stage, floor, starts)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
-    holds = narrow.settled and narrow.misfit == 0.0
-    now = narrow if holds else min((wide, narrow), key=lambda r: r.minus_log_posterior)
+    if not (now.settled and now.misfit == 0.0):
+        wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
+        again = _settle(stage, floor, wide.best.point[None])
+        now = min((now, wide, again), key=lambda r: (r.misfit > 0.0, r.minus_log_posterior))
     folds, reason = np.zeros((0, len(measurement.run)), bool), "not asked for"
     if held_out:
         slopes = now.best.local.slopes[..., stage.free]
         folds, reason = make_folds(measurement, np.einsum("cmp,cmq->cpq", slopes, slopes))
-    again = descend(stage.space, now.data, np.tile(now.best.point, (len(folds), 1)), stage.free, ~folds) if len(folds) else []
-    return _summary(stage, now, _held_out(now.data, again, folds), reason)
+    ends = descend(stage.space, now.data, np.tile(now.best.point, (len(folds), 1)), stage.free, ~folds) if len(folds) else []
+    return _summary(stage, now, _held_out(now.data, ends, folds), reason)
 
 
 class _Round(NamedTuple):

@@ -85,10 +85,10 @@ class TimeDelay(ReadingEffect):
 
     name: ClassVar[str] = "time_delay"
     family: ClassVar[Family] = "reading"
-    meaning: ClassVar[str] = "vibration channels sampled later than the phase reference"
+    meaning: ClassVar[str] = "vibration signal arrives late against the phase reference (filter, cable, converter)"
     source: ClassVar[str] = "Oppenheim, Schafer, Discrete-Time Signal Processing, 3rd edition, 2010, section 2.9 (shift theorem)"
     relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
-    delay_s: Array = parameter("delay τ", scale=0.1, of="period")
+    delay_s: Array = parameter("delay τ of the signal", scale=0.1, of="period")
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"delay_s": 10.0}, {"delay_s": -10.0})
 
     def reading(self, point: OperatingPoint) -> Reading:

@@ -17,12 +17,12 @@ def read_text(path: Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; give the path of a readable file") from error
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(f"{path}: encoded as UTF-16; save it as UTF-8 (in Excel: 'CSV UTF-8')")
+        raise InputError(f"{path}: encoded as UTF-16; save it as UTF-8 (for a table in Excel: 'CSV UTF-8')")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}:{line}: not UTF-8; save the file as UTF-8 (in Excel: 'CSV UTF-8')") from error
+        raise InputError(f"{path}:{line}: not UTF-8; save the file as UTF-8 (for a table in Excel: 'CSV UTF-8')") from error
     if "\0" in text:
         raise InputError(f"{path}: holds zero bytes, so it is not a text file; give a CSV or TOML file")
     return text

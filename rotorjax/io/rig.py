@@ -268,13 +268,13 @@ def _runs(document: Document, planes: dict[str, float], convention: Convention) 
             elif plane not in planes:
                 weight.problem("plane", f"unknown plane {plane!r}; {nearest(str(plane), planes)}")
                 plane = next(iter(planes))
-            pair = convention.vector(weight.number("magnitude_g_mm") * GRAM_MILLIMETRE, weight.number("angle_deg", 0.0))
+            pair = convention.vector(weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE, weight.number("angle_deg", 0.0))
             unbalance[list(planes).index(plane)] += pair
             weight.close()
         bow = np.zeros(2)
         if "bow" in table:
             bent = table.table("bow")
-            bow = convention.vector(bent.number("magnitude_mm") * 1e-3, bent.number("angle_deg", 0.0))
+            bow = convention.vector(bent.number("magnitude_mm", least=0.0) * 1e-3, bent.number("angle_deg", 0.0))
             bent.close()
         table.raw("note")
         table.close()

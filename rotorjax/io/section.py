@@ -37,7 +37,9 @@ class Document:
         try:
             self.data = tomllib.loads(self.text)
         except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{path}: not valid TOML: {error}") from error
+            where = re.search(r"at line (\d+)", str(error))
+            place = f"{path}:{where[1]}" if where else str(path)
+            raise InputError(f"{place}: not valid TOML: {error}; mend that line, or give the rig file if this is another") from error
         self._lines: dict[str, int] = {}
         header = ""
         for number, line in enumerate(self.text.splitlines(), start=1):
