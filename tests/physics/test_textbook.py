@@ -122,3 +122,10 @@ def test_turned_stiffness_equals_turned_probes():
 def test_paper_critical_speeds(paper_rotor):
     """Huang et al. 2026, table 3: 2307 (x) and 2197 rpm (y), with M_eq = 0.9686 kg."""
     np.testing.assert_allclose(paper_rotor.critical_speeds_rpm(), [2307.0, 2197.0], atol=0.5)
+
+
+def test_rotor_from_its_critical_speeds():
+    """k = M ω²: the critical speeds come back."""
+    rotor = Jeffcott.from_critical_speed(mass=0.9686, critical_speed_rpm=[2307.0, 2197.0], damping_ratio=0.005)
+    np.testing.assert_allclose(rotor.critical_speeds_rpm(), [2307.0, 2197.0], rtol=1e-12)
+    np.testing.assert_allclose(rotor.stiffness, [56532.3, 51269.8], rtol=1e-4)
