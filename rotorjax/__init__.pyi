@@ -2,6 +2,8 @@ from . import effects as effects
 from .discovery.compare import Cell as Cell
 from .discovery.compare import Comparison as Comparison
 from .discovery.compare import compare as compare
+from .discovery.explain import Explanation as Explanation
+from .discovery.explain import explain as explain
 from .discovery.fit import Estimate as Estimate
 from .discovery.fit import Fit as Fit
 from .discovery.fit import fit as fit

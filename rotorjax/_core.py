@@ -14,6 +14,7 @@ param    entry of a parameter vector
 latent   random component of a run (scatter of unbalance and bow)
 start    starting point of a fit
 fold     fold of a cross-validation
+free     entry of a parameter vector that is fitted
 ======== ==========================================================
 """
 
@@ -29,6 +30,9 @@ from jaxtyping import ArrayLike, Bool, Complex, Float, Int
 
 Numbers = ArrayLike | Sequence[Any]
 """What a user may hand over for an array: a number, nested lists, any array."""
+
+AnyArray = Array | np.ndarray
+"""An array on either side of the door to compiled code."""
 
 RPM = 2.0 * math.pi / 60.0
 """One revolution per minute, in rad/s."""
@@ -81,6 +85,8 @@ def require_float64(what: str) -> None:
         raise ValueError(f'{what} needs double precision: jax.config.update("jax_enable_x64", True) before any array is made')
 
 
+FIRST_DAMPING = 1e-2
+"""Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
 CONVERGED, MAX_STEPS, NOT_FINITE = 0, 1, 2
 RESULT_TEXT = {
     CONVERGED: "converged",
@@ -99,13 +105,25 @@ class Quadratic(NamedTuple):
     extra: Any = ()
 
 
+class Tolerance(NamedTuple):
+    """Fall of the cost below which a descent is at its end: absolute, and relative to the cost."""
+
+    absolute: AnyArray | float
+    relative: AnyArray | float
+
+
+FINE, COARSE = Tolerance(1e-6, 1e-6), Tolerance(1e-2, 1e-4)
+"""For estimates; and for ranking, where a hundredth of a log unit decides nothing."""
+
+
 class Descent(NamedTuple):
-    """Where Levenberg-Marquardt ended: point, quadratic there, evaluations made, result code."""
+    """Where Levenberg-Marquardt ended: point, quadratic there, evaluations made, result code, damping to go on with."""
 
     point: Float[Array, "*start param"]
     quadratic: Quadratic
     steps: Int[Array, "*start"]
     result: Int[Array, "*start"]
+    damping: Float[Array, "*start"]
 
 
 class _State(NamedTuple):
@@ -122,17 +140,19 @@ def levenberg_marquardt(
     quadratic: Callable[[Float[Array, "param"]], Quadratic],
     start: Float[Array, "param"],
     *,
+    damping: Float[Array, ""] | float = FIRST_DAMPING,
     max_steps: int = 60,
-    tolerance: float = 1e-6,
+    tolerance: Tolerance = FINE,
 ) -> Descent:
     """Minimise a sum of squares, given its value, gradient and Gauss-Newton Hessian in one function.
 
     Step p = -(H + λ diag H)⁻¹ g (Marquardt 1963, J. SIAM 11(2):431-441); λ falls tenfold on success and rises
     fourfold on failure. The descent has converged when, at small λ, the fall of the cost that the next step
-    promises, or that the last one brought, is below ``tolerance`` times (1 + cost).
+    promises, or that the last one brought, is within the tolerance.
 
     **Arguments:** ``quadratic`` point -> `Quadratic`, traced once; entries that are not free have zero gradient,
-    zero off-diagonals and a positive diagonal. ``start``: the point to begin with. **Returns** a `Descent`, under
+    zero off-diagonals and a positive diagonal. ``start``: the point to begin with; ``damping``: λ
+    to begin with, that of an earlier descent to go on with it. **Returns** a `Descent`, under
     ``vmap`` one per start. Nothing is raised here: see ``RESULT_TEXT``.
     """
 
@@ -153,18 +173,18 @@ def levenberg_marquardt(
         damping = jnp.where(better, jnp.maximum(state.damping * 0.1, 1e-12), state.damping * 4.0)
         trial, promise = propose(point, best, damping)
         # A heavily damped step is short whatever remains to be gained: only a nearly free one may end the descent.
-        small = jnp.minimum(jnp.where(better, fall, jnp.inf), promise) <= tolerance * (1.0 + best.cost)
+        small = jnp.minimum(jnp.where(better, fall, jnp.inf), promise) <= tolerance.absolute + tolerance.relative * best.cost
         done = (small & (damping < 1e-2)) | (damping > 1e12) | ~jnp.isfinite(best.cost)
         return _State(point, best, trial, promise, damping, state.steps + 1, done)
 
     quadratic = jax.jit(quadratic)  # traced once for its shapes and for the loop
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(quadratic, start))
     nowhere = blank._replace(cost=jnp.full_like(blank.cost, jnp.inf))
-    begin = _State(start, nowhere, start, jnp.asarray(jnp.inf), jnp.asarray(1e-2), jnp.asarray(0), jnp.asarray(False))
+    begin = _State(start, nowhere, start, jnp.asarray(jnp.inf), jnp.asarray(damping, dtype=float), jnp.asarray(0), jnp.asarray(False))
     end = jax.lax.while_loop(lambda s: ~s.done & (s.steps < max_steps), step, begin)
     finite = jnp.isfinite(end.quadratic.cost)
     result = jnp.where(finite, jnp.where(end.done, CONVERGED, MAX_STEPS), NOT_FINITE)
-    return Descent(end.point, end.quadratic, end.steps, result)
+    return Descent(end.point, end.quadratic, end.steps, result, end.damping)
 
 
 def diagonal(pair: Float[Array, "dof"]) -> Float[Array, "dof dof"]:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
+    from rotorjax.discovery.explain import Explanation
+    from rotorjax.discovery.story import Story
     from rotorjax.io.rig import Rig
     from rotorjax.measurement import Measurement
     from rotorjax.model import Effect, Model
@@ -52,6 +54,16 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml")
     _effect_option(sub, "add this effect and fit what is not given")
     sub.add_argument("--write-rig", type=Path, metavar="NEW.toml", help="write the fitted model as a rig file")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    sub.add_argument("--report", type=Path, metavar="FILE.html", help="write a report with pictures, one file")
+
+    sub = command("explain", _explain, "which physical effect is missing, how sure, what ties with it, what to measure next")
+    sub.add_argument("data", type=Path, metavar="DATA.csv", help="measurement table")
+    sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml")
+    sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (3)")
+    sub.add_argument("--only", metavar="A,B", help="only these may be missing")
+    sub.add_argument("--exclude", default="", metavar="A,B", help="these are not missing")
+    sub.add_argument("--write-rig", type=Path, metavar="NEW.toml", help="write the explained model as a rig file")
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
     sub.add_argument("--report", type=Path, metavar="FILE.html", help="write a report with pictures, one file")
 
@@ -157,13 +169,61 @@ def _compare(options: argparse.Namespace) -> None:
         print(f"\nReport: {options.report}")
 
 
-def write_report(path: Path, story: Any, *, title: str) -> None:
-    """Write the HTML report of a comparison."""
+def write_report(path: Path, result: "Story | Explanation", *, title: str) -> None:
+    """Write the HTML report of a comparison or of an explanation."""
+    from rotorjax.answer import explanation_page
+    from rotorjax.discovery.story import Story
     from rotorjax.io.files import write_whole
     from rotorjax.pictures import story_pictures
-    from rotorjax.report import html_report
+    from rotorjax.report import comparison_page, html_report
 
-    write_whole(path, html_report(story, title=title, pictures=story_pictures))
+    if isinstance(result, Story):
+        page = comparison_page(result, title=title, pictures=story_pictures(result))
+    else:
+        page = explanation_page(result, title=title, pictures=story_pictures(result.story))
+    write_whole(path, html_report(page))
+
+
+def _explain(options: argparse.Namespace) -> None:
+    _check_outputs(options)
+    if options.max_effects < 0:
+        raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
+    only, exclude = (_effect_names(flag, text) for flag, text in (("--only", options.only), ("--exclude", options.exclude)))
+    _compute()
+    from rotorjax.answer import explanation_json, explanation_text
+    from rotorjax.discovery.explain import explain
+
+    rig, measurement = _read(options)
+    shown = sys.stderr.isatty()
+
+    def progress(line: str) -> None:
+        if shown:
+            print(f"\r\x1b[K{line} ...", end="", file=sys.stderr, flush=True)
+
+    found = explain(rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress)
+    if shown:
+        print("\r\x1b[K", end="", file=sys.stderr)
+    print(explanation_text(found))
+    if options.write_rig:
+        rig.write(options.write_rig, found.model)
+    if options.json:
+        _write_json(options.json, explanation_json(found))
+    if options.report:
+        write_report(options.report, found, title=f"{options.data.name}: what {options.rig.name} lacks")
+        print(f"\nReport: {options.report}")
+
+
+def _effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
+    """Names of effects, separated by commas, all known."""
+    if text is None:
+        return None
+    from rotorjax.effects import CATALOG
+    from rotorjax.io.section import nearest
+
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if unknown := [name for name in names if name not in CATALOG]:
+        raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest(name, CATALOG)}" for name in unknown))
+    return names
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

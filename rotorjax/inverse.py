@@ -5,15 +5,17 @@ import math
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jaxtyping import Complex, Float
 
-from rotorjax._core import MICROMETRE, RPM, numpy_pair, require_float64
+from rotorjax._core import MICROMETRE, RPM, numpy_pair, real_pair, require_float64
 from rotorjax.effects import PlaneParticipation
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model
-from rotorjax.response import response
+from rotorjax.response import response, vectors
 from rotorjax.space import Space, make_space, with_company
 
 HEALTHY_SPREADS = 4.0
@@ -122,10 +124,19 @@ def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray,
 
     The response is linear in them, so that a difference over a large step is exact but for rounding.
     """
-    zero = np.zeros((len(np.asarray(conditions.speed)), 4))
-    none = response_to(model, conditions, zero)
-    columns = [response_to(model, conditions, zero + unit) - none for unit in np.eye(4)]
-    return np.stack([numpy_pair(c) for c in columns], axis=-1)
+    return np.array(_sensitivity(model, conditions))
+
+
+@eqx.filter_jit
+def _sensitivity(model: Model, conditions: Conditions) -> Float[Array, "case probe order 2 4"]:
+    def driven(fault: Float[Array, "4"]) -> Float[Array, "case probe order 2"]:
+        unbalance = jnp.zeros(conditions.unbalance.shape).at[:, 0].set(fault[:2])
+        bow = jnp.broadcast_to(fault[2:], conditions.bow.shape)
+        return real_pair(vectors(model, Conditions(conditions.speed, unbalance, bow)))
+
+    model = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
+    none = driven(jnp.zeros(4))
+    return jnp.moveaxis(jax.vmap(driven)(jnp.eye(4)) - none[None], 0, -1)
 
 
 def response_to(model: Model, conditions: Conditions, faults: Float[np.ndarray, "case 4"]) -> Complex[np.ndarray, "case probe order"]:

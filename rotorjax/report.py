@@ -2,17 +2,16 @@
 
 import base64
 import math
-from collections.abc import Callable
 from importlib.resources import files
 from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
 
-from rotorjax._core import MICROMETRE
+from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE
 from rotorjax.discovery.compare import Cell, Comparison
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
-from rotorjax.discovery.noise import FEW_RUNS
+from rotorjax.discovery.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inverse import Diagnosis, Fault, RunDiagnosis
@@ -185,13 +184,21 @@ def findings(story: Story) -> list[str]:
             lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
         if not last.converged:
             lines.append(f"The fit has not settled: {last.result}.")
-        if last.run_scatter.unbalance_kg_m > 0.0:
-            size = last.run_scatter.as_json()["unbalance_g_mm"]
-            lines.append(
-                f"Scatter between runs: a random unbalance of {number(size)} g mm per run and component would account for "
-                f"{100.0 * last.run_scatter.share:.0f} % of what is left."
-            )
+        if last.run_scatter != NO_SCATTER:
+            lines.append(_scatter_line(story))
     return lines
+
+
+def _scatter_line(story: Story) -> str:
+    """How much unbalance and bow differ between runs beyond what was installed, and what they account for."""
+    scatter = story.fits[-1].run_scatter
+    share = scatter_share(story.measurement, story.fits[-1].model, story.last.residual, scatter)
+    sizes = [f"unbalance of {number(scatter.unbalance_kg_m / GRAM_MILLIMETRE)} g mm"] if scatter.unbalance_kg_m else []
+    sizes += [f"bow of {number(scatter.bow_m / MICROMETRE)} µm"] if scatter.bow_m else []
+    return (
+        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, told from what influence coefficients leave, "
+        f"accounts for {100.0 * share:.0f} % of the squared residual."
+    )
 
 
 def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
@@ -218,14 +225,14 @@ def comparison_text(story: Story) -> str:
     """Everything that `rotorjax compare` prints."""
     parts = [measurement_line(story.measurement), verdict(story)]
     if story.fits:
-        parts += [table.text() for table in _step_tables(story)]
+        parts += [table.text() for table in step_tables(story)]
         parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
     parts += [worst_cells(story.last, title).text(), share_table(story.last, "Share of the misfit").text()]
     return "\n\n".join(parts)
 
 
-def _step_tables(story: Story) -> list[Table]:
+def step_tables(story: Story) -> list[Table]:
     """The fall of the error, and the parameters if any were fitted."""
     return [fall_table(story), *([parameter_table(story.fits[-1])] if story.fits[-1].estimates else [])]
 
@@ -234,18 +241,19 @@ def comparison_json(story: Story) -> dict[str, Any]:
     """What ``compare --json`` writes: the model as it is at the end, what it was before, and every step."""
     return {
         "verdict": verdict(story),
-        **_view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
+        **view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
         "noise": "inferred" if story.measurement.noise != "given" else "given",
-        "before": _view_json(story.declared, story.declared.reduced_chi2),
-        "steps": [_step_json(story, label, view, fitted) for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True)],
+        "before": view_json(story.declared, story.declared.reduced_chi2),
+        "steps": [step_json(label, view, fitted) for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True)],
         "ties": [[[r.effect], [r.instead]] for r in story.rivals if r.tied and r.instead],
         "not_needed": [r.effect for r in story.rivals if r.tied and r.instead is None],
-        "run_scatter": story.fits[-1].run_scatter.as_json() if story.fits and story.fits[-1].run_scatter.unbalance_kg_m else None,
+        "run_scatter": story.fits[-1].run_scatter.as_json() if story.fits and story.fits[-1].run_scatter != NO_SCATTER else None,
         "findings": findings(story),
     }
 
 
-def _view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:
+def view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:
+    """Error, where it sits, and its shares."""
     where = [
         {
             "run": c.run, "speed_rpm": c.speed_rpm, "probe": c.probe, "order": c.order, "residual_um": c.residual_um,
@@ -256,7 +264,8 @@ def _view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:
     return {"rms_um": view.rms / MICROMETRE, "reduced_chi2": chi2, "where": where, "share": view.share()}
 
 
-def _step_json(story: Story, label: str, view: Comparison, fitted: Fit | None) -> dict[str, Any]:
+def step_json(label: str, view: Comparison, fitted: Fit | None) -> dict[str, Any]:
+    """Error and parameters at one step."""
     parameters: dict[str, dict[str, Any]] = {}
     for e in fitted.estimates if fitted else ():
         inner = parameters.setdefault(e.entry.effect, {})
@@ -341,27 +350,35 @@ class Picture(NamedTuple):
     caption: str
     source: str
 
+    @classmethod
+    def of(cls, caption: str, svg: bytes) -> "Picture":
+        """From an SVG file's content."""
+        return cls(caption, "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii"))
 
-def html_report(story: Story, *, title: str, pictures: Callable[[Story], list[tuple[str, bytes]]]) -> str:
-    """The report as one HTML file that needs no network.
 
-    **Arguments:** ``title``, escaped like all text; ``pictures``: draws pairs of caption and SVG.
-    """
+class Page(NamedTuple):
+    """What a report shows, from top to bottom."""
+
+    title: str
+    verdict: str
+    measurement: str
+    findings: list[str]
+    tables: list[Table]
+    pictures: list[Picture]
+    where: list[Table]
+
+
+def comparison_page(story: Story, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:
+    """The report of `compare`. **Arguments:** ``pictures``: pairs of caption and SVG."""
+    shares = share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit")
+    where = [worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else [])
+    drawn = [Picture.of(caption, svg) for caption, svg in pictures]
+    return Page(title, verdict(story), measurement_line(story.measurement), findings(story), step_tables(story) if story.fits else [], drawn, [*where, shares])
+
+
+def html_report(page: Page) -> str:
+    """A report as one HTML file that needs no network. All text is escaped."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.tests["numeric"] = is_number
     template = environment.from_string(files("rotorjax").joinpath("templates/report.html").read_text(encoding="utf-8"))
-    tables = _step_tables(story) if story.fits else []
-    return template.render(
-        title=title,
-        verdict=verdict(story),
-        measurement=measurement_line(story.measurement),
-        findings=findings(story),
-        tables=tables,
-        where=[worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else []),
-        shares=share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit"),
-        pictures=[Picture(caption, _address(svg)) for caption, svg in pictures(story)],
-    )
-
-
-def _address(svg: bytes) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
+    return template.render(page._asdict())

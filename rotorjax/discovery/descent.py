@@ -1,5 +1,6 @@
 """Descents of one least-squares cost from many starts and on many folds, compiled once per shape."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable
@@ -10,13 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import Descent, Quadratic, levenberg_marquardt, numpy_pair, real_pair
-from rotorjax.discovery.noise import scatter_factor
+from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Descent, Quadratic, Tolerance, levenberg_marquardt, numpy_pair, real_pair
+from rotorjax.discovery.noise import Noise, scatter_factor
 from rotorjax.inverse import fault_sensitivity
 from rotorjax.measurement import Measurement, is_half_order
-from rotorjax.model import Conditions, Model
+from rotorjax.model import Conditions, Layout, Model
 from rotorjax.response import vectors
 from rotorjax.space import Space
 
@@ -24,29 +25,46 @@ MAX_STARTS = 32
 MAX_FOLDS = 5
 BATCH = 6
 """Descents run together: more make the fast ones wait for the slowest, fewer waste the vector units."""
+LEG, LEGS = 12, 5
+"""Steps that a batch makes together, and how many times those not at their end yet go on, in fuller batches."""
+HOPELESS = 300.0
+"""Cost above the best of a call with which a descent does not go on for more than two legs."""
+LEAST_CASES, LEAST_RUNS, LEAST_UNKNOWNS, LEAST_POINTS = 16, 4, 8, 4
+"""Smallest sizes that are compiled; the next are twice, four times, ... as large."""
+
+
+class Manner(NamedTuple):
+    """How exactly descents are made, and how many together."""
+
+    tolerance: Tolerance
+    batch: int
+
+
+THOROUGH, QUICK = Manner(FINE, BATCH), Manner(COARSE, 4 * BATCH)
+"""For estimates; and for ranking many hypotheses."""
 
 
 class Data(NamedTuple):
     """A measurement as the compiled code wants it."""
 
     conditions: Conditions
-    pairs: Float[Array, "case probe order 2"]
-    weight: Float[Array, "case probe order 2"]
-    half_order: Bool[Array, "order"]
-    run: Int[Array, "case"]
-    scatter: Float[Array, "case probe order 2 latent"]
+    pairs: Float[AnyArray, "case probe order 2"]
+    weight: Float[AnyArray, "case probe order 2"]
+    half_order: Bool[AnyArray, "order"]
+    run: Int[AnyArray, "case"]
+    scatter: Float[AnyArray, "case probe order 2 latent"]
     """Whitened sensitivity to the random unbalance and bow of the case's run; zero if there is none."""
     run_count: int
 
 
-def make_data(measurement: Measurement, model: Model, allowance: float) -> Data:
+def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     """A measurement in units of its noise.
 
-    **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``allowance``: standard error
-    to add to that of the table [m].
+    **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to
+    add to the table's.
     """
-    weight = measurement.weights(allowance)
-    factor = scatter_factor(measurement, model)
+    weight = measurement.weights(noise.allowance)
+    factor = scatter_factor(measurement, model, noise.scatter)
     if np.any(factor):
         slopes = fault_sensitivity(model, measurement.conditions)
         scatter = weight[..., None] * np.einsum("cpokd,cdl->cpokl", slopes, factor[measurement.run])
@@ -114,17 +132,17 @@ def _rank(information: Float[np.ndarray, "param param"]) -> int:
 def residual(space: Space, data: Data, unknowns: Array) -> Float[Array, "case probe order 2"]:
     """(z_model - z) / σ; a half order is compared up to the sign that a once-per-turn reference leaves open."""
     model = real_pair(vectors(space.at(unknowns), data.conditions))
-    return data.weight * (model - half_order_sign(model, data.pairs, data.weight, data.half_order) * data.pairs)
+    return jnp.asarray(data.weight) * (model - half_order_sign(model, data.pairs, data.weight, data.half_order) * data.pairs)
 
 
-def half_order_sign(model: Array, measured: Array, weight: Array, half_order: Array) -> Float[Array, "case 1 order 1"]:
+def half_order_sign(model: AnyArray, measured: AnyArray, weight: AnyArray, half_order: AnyArray) -> Float[Array, "case 1 order 1"]:
     """The sign, one per case, that brings a measured half order nearer to the model; one for whole orders."""
     along = jnp.sum(weight**2 * model * measured, axis=(1, 3), keepdims=True)
     return jnp.where(half_order[None, None, :, None] & (along < 0.0), -1.0, 1.0)
 
 
 class Local(NamedTuple):
-    """Residual in standard errors and its slopes by every unknown, free or not."""
+    """Residual in standard errors and its slopes by the free unknowns, in their order."""
 
     error: Float[np.ndarray, "*case cell"]
     slopes: Float[np.ndarray, "*case cell param"]
@@ -135,77 +153,201 @@ class End(NamedTuple):
 
     point: Float[np.ndarray, "param"]
     cost: float
-    hessian: Float[np.ndarray, "param param"]
+    free: Int[np.ndarray, "free"]
+    """The unknowns that were free."""
+    curvature: Float[np.ndarray, "free free"]
+    """Hessian of the cost by those."""
     local: Local
     """On all cases, whichever were trained on."""
     steps: int
     result: int
 
+    @property
+    def hessian(self) -> Float[np.ndarray, "param param"]:
+        """Hessian by all unknowns; those that were not free have their prior's."""
+        full = np.eye(len(self.point))
+        full[np.ix_(self.free, self.free)] = self.curvature
+        return full
 
-def _quadratic(space: Space, data: Data, free: Array, training: Array) -> Callable[[Array], Quadratic]:
-    """Cost with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
 
-    def per_run(values: Array) -> Array:
-        return jax.ops.segment_sum(values, data.run, data.run_count)
+class _Task(NamedTuple):
+    """What sets one descent apart from the others of its batch."""
+
+    kept: Float[AnyArray, "*start param"]
+    """Values of the unknowns that are not free."""
+    chosen: Float[AnyArray, "*start param free"]
+    """One 1 per column; a column of zeros fills up to the size that is compiled."""
+    training: Float[AnyArray, "*start case"]
+    shift: Float[AnyArray, "*start case cell"]
+    """Added to the residual: another draw of the noise."""
+    absorbed: Float[AnyArray, "*start case cell latent"]
+    """G with C⁻¹ = I - G Gᵀ per run, C the covariance that the run's random unbalance and bow cause."""
+
+
+def _quadratic(space: Space, data: Data, task: _Task) -> Callable[[Array], Quadratic]:
+    """Cost of the free unknowns, with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
+    kept, chosen, training = task.kept, task.chosen, task.training
+    member = (data.run[:, None] == jnp.arange(data.run_count)[None]).astype(float)
 
     def per_case(array: Array) -> Array:
         return array.reshape(array.shape[0], math.prod(array.shape[1:4]), *array.shape[4:])
 
     def evaluate(unknowns: Array) -> Quadratic:
-        slopes, error = jax.jacfwd(lambda u: (residual(space, data, u),) * 2, has_aux=True)(unknowns)
-        local = per_case(error), per_case(slopes)
-        error, slopes = local[0] * training[:, None], local[1] * training[:, None, None] * free[None, None, :]
+        slopes, error = jax.jacfwd(lambda u: (residual(space, data, kept + chosen @ u),) * 2, has_aux=True)(unknowns)
+        local = per_case(error) + task.shift, per_case(slopes)
+        error, slopes = local[0] * training[:, None], local[1] * training[:, None, None]
         cost = 0.5 * jnp.sum(error**2)
         gradient = jnp.einsum("cm,cmp->p", error, slopes)
         hessian = jnp.einsum("cmp,cmq->pq", slopes, slopes)
-        if data.scatter.shape[-1]:
-            random = per_case(data.scatter) * training[:, None, None]
-            inner = jnp.eye(random.shape[-1])[None] + per_run(jnp.einsum("cml,cmk->clk", random, random))
-            score = per_run(jnp.einsum("cml,cm->cl", random, error))
-            cross = per_run(jnp.einsum("cml,cmp->clp", random, slopes))
-            solved = jnp.linalg.solve(inner, jnp.concatenate([score[..., None], cross], axis=-1))
-            cost -= 0.5 * jnp.sum(score * solved[..., 0])
-            gradient -= jnp.einsum("rlp,rl->p", cross, solved[..., 0])
-            hessian -= jnp.einsum("rlp,rlq->pq", cross, solved[..., 1:])
-        prior = jnp.where(free, unknowns, 0.0)
-        return Quadratic(cost + 0.5 * prior @ prior, gradient + prior, hessian + jnp.eye(len(free)), local)
+        if task.absorbed.shape[-1]:
+            # Cᵀ⁻¹ = I - G Gᵀ per run; a one-hot product sums over a run's cases faster than a scatter does.
+            score = jnp.einsum("cr,cml,cm->rl", member, task.absorbed, error)
+            cross = jnp.einsum("cr,clp->rlp", member, jnp.einsum("cml,cmp->clp", task.absorbed, slopes))
+            cost -= 0.5 * jnp.sum(score**2)
+            gradient -= jnp.einsum("rlp,rl->p", cross, score)
+            hessian -= jnp.einsum("rlp,rlq->pq", cross, cross)
+        return Quadratic(cost + 0.5 * unknowns @ unknowns, gradient + unknowns, hessian + jnp.eye(len(unknowns)), local)
 
     return evaluate
 
 
 @eqx.filter_jit
-def _descents(space: Space, data: Data, starts: Array, free: Array, training: Array) -> Descent:
-    def one(start: Array, cases: Array) -> Descent:
-        return levenberg_marquardt(_quadratic(space, data, free, cases), start)
+def _descents(space: Space, data: Data, starts: AnyArray, damping: AnyArray, tasks: _Task, tolerance: Tolerance) -> Descent:
+    def one(start: AnyArray, first: AnyArray, task: _Task) -> Descent:
+        return levenberg_marquardt(_quadratic(space, data, task), jnp.asarray(start), damping=jnp.asarray(first), max_steps=LEG, tolerance=tolerance)
 
-    return jax.vmap(one)(starts, training)
+    return jax.vmap(one)(starts, damping, tasks)
 
 
 def descend(
     space: Space,
     data: Data,
     starts: Float[np.ndarray, "start param"],
-    free: Bool[np.ndarray, "param"],
+    free: Bool[np.ndarray, "*start param"],
     training: Bool[np.ndarray, "start case"],
     *,
     kept: Float[np.ndarray, "param"] | None = None,
+    shift: Float[np.ndarray, "start case cell"] | None = None,
+    manner: Manner = THOROUGH,
 ) -> list[End]:
-    """Levenberg-Marquardt from every start, each on its own cases; batches of `BATCH`, so that it compiles once.
+    """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
 
-    Unknowns that are not free stay at ``kept``, by default where the model has them. **Returns** one `End` per start.
+    Cases, runs and free unknowns are filled up to a few sizes and names are left out, so that it compiles once for all
+    measurements of one size; ``manner``: how exactly, and how many together. Unknowns that are not free stay at ``kept``, by default
+    where the model has them. ``shift`` is added to the residual of each. **Returns** one `End` per start.
     """
-    begin = np.where(free, starts, space.given_unknowns() if kept is None else kept)
-    ends = []
-    for first in range(0, len(starts), BATCH):
-        # The last batch is filled up with copies of its last member: they end together with it.
-        index = np.minimum(np.arange(first, first + BATCH), len(starts) - 1)
-        found = _descents(space, data, jnp.asarray(begin[index]), jnp.asarray(free), jnp.asarray(training[index], dtype=float))
-        point, quadratic, steps, result = jax.tree.map(np.asarray, found)
-        error, slopes = quadratic.extra
-        for k in range(min(BATCH, len(starts) - first)):
-            cost = float(quadratic.cost[k]) if np.isfinite(quadratic.cost[k]) else math.inf
-            ends.append(End(point[k], cost, quadratic.hessian[k], Local(error[k], slopes[k]), int(steps[k]), int(result[k])))
-    return ends
+    free = np.broadcast_to(free, starts.shape)
+    fixed = np.where(free, 0.0, space.given_unknowns() if kept is None else kept)
+    columns = [np.flatnonzero(mask) for mask in free]
+    width = size_class(max((len(c) for c in columns), default=0), LEAST_UNKNOWNS)
+    chosen = np.zeros((*starts.shape, width))
+    for k, column in enumerate(columns):
+        chosen[k, column, np.arange(len(column))] = 1.0
+    cases = len(data.run)
+    nameless, filled = _nameless(space), _filled(data)
+    counted, moved = np.zeros((len(starts), len(filled.run))), np.zeros((len(starts), len(filled.run), math.prod(data.weight.shape[1:])))
+    counted[:, :cases] = training
+    if shift is not None:
+        moved[:, :cases] = shift
+    tasks = _Task(fixed, chosen, counted, moved, _absorbed(filled, counted))
+    point, damping, steps = np.einsum("spf,sp->sf", chosen, starts), np.full(len(starts), FIRST_DAMPING), np.zeros(len(starts), int)
+    ends: list[End | None] = [None] * len(starts)
+    waiting = np.arange(len(starts))
+    limits, batch = Tolerance(*(np.asarray(limit) for limit in manner.tolerance)), manner.batch
+    for leg in range(LEGS):
+        for first in range(0, len(waiting), batch):
+            # The last batch is filled up with copies of its last member: they end together with it.
+            index = waiting[np.minimum(np.arange(first, first + batch), len(waiting) - 1)]
+            found = jax.tree.map(np.asarray, _descents(nameless, filled, point[index], damping[index], _Task(*(part[index] for part in tasks)), limits))
+            for k, task in enumerate(index[: len(waiting) - first]):
+                point[task], damping[task], steps[task] = found.point[k], found.damping[k], steps[task] + found.steps[k]
+                ends[task] = _end(found, k, fixed[task], columns[task], cases, int(steps[task]))
+        hopeless = min(end.cost for end in ends if end is not None) + HOPELESS
+        waiting = np.array([k for k in waiting if (end := ends[k]) is not None and end.result == MAX_STEPS and (leg == 0 or end.cost < hopeless)], int)
+    return [end for end in ends if end is not None]
+
+
+def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np.ndarray, "start case cell latent"]:
+    """B (I + BᵀB)^(-1/2) per run, B the scatter on the cases trained on: C⁻¹ = (I + BBᵀ)⁻¹ is the unit matrix less its square."""
+    scatter = np.asarray(data.scatter)
+    flat = scatter.reshape(len(scatter), math.prod(scatter.shape[1:4]), scatter.shape[-1])
+    if not flat.size:
+        return np.zeros((len(training), *flat.shape))
+    absorbed = np.empty((len(training), *flat.shape))
+    member = (np.asarray(data.run)[:, None] == np.arange(data.run_count)).astype(float)
+    for cases in np.unique(training, axis=0):
+        block = flat * cases[:, None, None]
+        inner = np.eye(flat.shape[-1]) + np.einsum("cr,cml,cmk->rlk", member, block, block, optimize=True)
+        values, directions = np.linalg.eigh(inner)
+        root = (directions / np.sqrt(values)[:, None, :]) @ np.swapaxes(directions, 1, 2)
+        absorbed[(training == cases).all(axis=1)] = block @ root[np.asarray(data.run)]
+    return absorbed
+
+
+def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: int, steps: int) -> End:
+    """One member of a batch, without what it was filled up with."""
+    size, quadratic = len(column), found.quadratic
+    point = fixed.copy()
+    point[column] = found.point[k, :size]
+    error, slopes = quadratic.extra
+    cost = float(quadratic.cost[k]) if np.isfinite(quadratic.cost[k]) else math.inf
+    local = Local(np.asarray(error[k, :cases]), np.asarray(slopes[k, :cases, :, :size]))
+    return End(point, cost, column, np.asarray(quadratic.hessian[k, :size, :size]), local, steps, int(found.result[k]))
+
+
+@eqx.filter_jit
+def _predictions(space: Space, conditions: Conditions, points: AnyArray) -> Complex[Array, "start case probe order"]:
+    return jax.vmap(lambda point: vectors(space.at(point), conditions))(points)
+
+
+def predict(space: Space, conditions: Conditions, points: Float[np.ndarray, "start param"]) -> Complex[np.ndarray, "start case probe order"]:
+    """What the model shows at each of some points [m]; compiled once for all conditions and points of one size."""
+    cases, count = len(np.asarray(conditions.speed)), len(points)
+    more = size_class(cases, LEAST_CASES) - cases
+    filled = jax.tree.map(lambda values: np.concatenate([np.asarray(values), np.repeat(np.asarray(values)[-1:], more, axis=0)]), conditions)
+    padded = np.concatenate([points, np.repeat(points[-1:], size_class(count, LEAST_POINTS) - count, axis=0)])
+    return np.asarray(_predictions(_nameless(space), filled, padded))[:count, :cases]
+
+
+def size_class(count: int, least: int) -> int:
+    """The next of ``least``, twice that, four times that, ..."""
+    size = least
+    while size < count:
+        size *= 2
+    return size
+
+
+def _nameless(space: Space) -> Space:
+    """The space without names and prior scales as text: the compiled code must not depend on them."""
+    layout = space.model.layout
+    blank = Layout(tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders)
+    return dataclasses.replace(space, model=dataclasses.replace(space.model, layout=blank), entries=())
+
+
+def _filled(data: Data) -> Data:
+    """Cases filled up with copies of the last that weigh nothing, to one of a few sizes."""
+    cases = len(data.run)
+    more = size_class(cases, LEAST_CASES) - cases
+
+    def repeat(values: AnyArray) -> np.ndarray:
+        array = np.asarray(values)
+        return np.concatenate([array, np.repeat(array[-1:], more, axis=0)])
+
+    def nothing(values: AnyArray) -> np.ndarray:
+        array = np.asarray(values)
+        return np.concatenate([array, np.zeros((more, *array.shape[1:]))])
+
+    return Data(
+        jax.tree.map(repeat, data.conditions), repeat(data.pairs), nothing(data.weight), data.half_order, repeat(data.run), nothing(data.scatter),
+        size_class(data.run_count, LEAST_RUNS),
+    )  # fmt: skip
+
+
+def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Complex[np.ndarray, "case probe order"]:
+    """Model minus measured [m] from the residual in standard errors, zero where nothing was measured."""
+    weight = np.asarray(data.weight)
+    pairs = np.divide(error.reshape(weight.shape), weight, out=np.zeros(weight.shape), where=weight > 0.0)
+    return pairs[..., 0] + 1j * pairs[..., 1]
 
 
 def best_of(ends: list[End]) -> End:

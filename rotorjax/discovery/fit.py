@@ -8,13 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
-from rotorjax._core import CONVERGED, RESULT_TEXT, numpy_pair, require_float64
-from rotorjax.discovery.descent import Data, End, Local, best_of, declared_starts, descend, make_data, make_folds
-from rotorjax.discovery.noise import FEW_RUNS, RunScatter, infer_run_scatter, reduced_chi2, whitened_residual
+from rotorjax._core import CONVERGED, RESULT_TEXT, require_float64
+from rotorjax.discovery.descent import Data, End, Local, best_of, declared_starts, descend, make_data, make_folds, predict, residual_vectors
+from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
-from rotorjax.response import response
 from rotorjax.space import Entry, Space, make_space, with_company
 
 NORMAL_QUANTILE = 1.96
@@ -24,12 +23,6 @@ MISFIT_ROUNDS = 12
 """Most alternations between a fit and the allowance for its misfit."""
 MISFIT_CHANGE = 0.02
 """Relative change of the allowance below which it stands."""
-LARGEST_HEALTHY_CHI2 = 1.5
-"""Reduced chi-square up to which the noise of the table is taken to account for what is left."""
-NOISE_FLOOR = 1e-6
-"""Least inferred standard error, relative to the measured rms: below it, rounding of the table decides."""
-LEAST_NOISE = 1e-12
-"""Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
 PULLED = 3.0
 """A declared uncertain value that moves by more than this many of its standard deviations is a finding."""
 
@@ -165,13 +158,13 @@ def _fit(stage: Stage, *, held_out: bool) -> Fit:
         now = min((now, wide, again), key=lambda r: (r.misfit > 0.0, r.minus_log_posterior))
     folds, reason = np.zeros((0, len(measurement.run)), bool), "not asked for"
     if held_out:
-        slopes = now.best.local.slopes[..., stage.free]
+        slopes = now.best.local.slopes
         folds, reason = make_folds(measurement, np.einsum("cmp,cmq->cpq", slopes, slopes))
     ends = descend(stage.space, now.data, np.tile(now.best.point, (len(folds), 1)), stage.free, ~folds) if len(folds) else []
-    return _summary(stage, now, _held_out(now.data, ends, folds), reason)
+    return summarise(stage, now, _held_out(now.data, ends, folds), reason)
 
 
-class _Round(NamedTuple):
+class Round(NamedTuple):
     """One fit under one allowance for misfit, and the misfit that it found."""
 
     allowance: float
@@ -192,7 +185,7 @@ class _Round(NamedTuple):
         return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
 
 
-def _settle(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"]) -> _Round:
+def _settle(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"]) -> Round:
     """Rounds until the allowance equals the misfit found."""
     now = _round(stage, allowance, starts, stage.space.model)
     for _ in range(MISFIT_ROUNDS - 1):
@@ -202,53 +195,39 @@ def _settle(stage: Stage, allowance: float, starts: Float[np.ndarray, "start par
     return now
 
 
-def _round(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"], model: Model) -> _Round:
-    data = make_data(stage.measurement, model, allowance)
+def _round(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"], model: Model) -> Round:
+    data = make_data(stage.measurement, model, Noise(allowance))
     every = np.ones((len(starts), len(stage.measurement.run)), bool)
     ends = descend(stage.space, data, starts, stage.free, every)
     best = best_of(ends)
     points = np.stack([end.point if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)])
     left = residual_vectors(best.local.error, data)
-    return _Round(allowance, data, best, points, _misfit(left, stage, stage.space.model_at(best.point)))
+    return Round(allowance, data, best, points, misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE))
 
 
-def _misfit(left: Complex[np.ndarray, "case probe order"], stage: Stage, model: Model) -> float:
-    """What is left per component and degree of freedom beyond the known noise [m]; zero if the noise accounts for it."""
-    measurement, fitted = stage.measurement, int(stage.free.sum())
-    if measurement.sigma is None:
-        counted = np.repeat(measurement.present[..., None], 2, axis=-1)
-        counted[:, :, np.array(measurement.orders) == 0.0, 1] = False
-        total = float(np.sum(numpy_pair(left)[counted] ** 2)) / max(1, int(counted.sum()) - fitted)
-        return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
-    errors = whitened_residual(measurement, model, left)
-    chi2 = float(errors @ errors) / max(1, len(errors) - fitted)
-    weight = measurement.weights(0.0)
-    variance = 1.0 / float(np.mean(weight[weight > 0.0] ** 2))
-    return math.sqrt(variance * (chi2 - 1.0)) if chi2 > LARGEST_HEALTHY_CHI2 else 0.0
-
-
-def _summary(stage: Stage, now: _Round, held_out: float | None, reason: str) -> Fit:
+def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, scatter: RunScatter | None = None) -> Fit:
+    """A round as people want it. ``scatter`` between runs, where it was inferred before; it then counts in the chi-square."""
     space, measurement, free = stage.space, stage.measurement, stage.free
     best, data = now.best, now.data
     clusters = whitened_by_run(best.local, data)
     if len(clusters) < FEW_RUNS:
         # Too few runs to judge what they share: every case is its own cluster.
         clusters = [Local(error, slopes) for error, slopes in zip(best.local.error, best.local.slopes, strict=True)]
-    covariance = _covariance(best.hessian, clusters, free)
+    covariance = _covariance(best, clusters)
     quantile = float(stdtrit(max(len(clusters) - 1, 1), 0.975)) if now.allowance > 0.0 and measurement.sigma is not None else NORMAL_QUANTILE
     fitted = space.model_at(best.point)
     left = residual_vectors(best.local.error, data)
     return Fit(
         model=_kept(fitted, stage),
         estimates=_estimates(space, best, covariance, free),
-        predicted=np.asarray(response(fitted, measurement.conditions)),
+        predicted=predict(space, measurement.conditions, best.point[None])[0],
         result=RESULT_TEXT[best.result],
         converged=best.result == CONVERGED and now.settled,
         steps=best.steps,
-        reduced_chi2=reduced_chi2(measurement, fitted, left, fitted=int(free.sum())),
+        reduced_chi2=reduced_chi2(measurement, fitted, left, fitted=int(free.sum()), noise=Noise(0.0, scatter or NO_SCATTER)),
         held_out_rms=held_out,
         held_out_reason=reason,
-        run_scatter=infer_run_scatter(measurement, fitted, -left),
+        run_scatter=run_floor(measurement, fitted, -left).noise.scatter if scatter is None else scatter,
         misfit=now.allowance,
         free=stage.names,
         quantile=quantile,
@@ -274,16 +253,18 @@ def whitened_by_run(local: Local, data: Data) -> list[Local]:
     return runs
 
 
-def _covariance(hessian: np.ndarray, clusters: list[Local], free: np.ndarray) -> np.ndarray:
+def _covariance(best: End, clusters: list[Local]) -> np.ndarray:
     """Posterior covariance, its standard errors raised to the cluster-robust ones."""
-    posterior = np.linalg.inv(hessian)
-    if len(clusters) < 2:
-        return posterior
-    scores = np.stack([slope.T @ error for error, slope in clusters]) * free
-    small_sample = len(clusters) / (len(clusters) - 1.0)
-    robust = posterior @ (small_sample * scores.T @ scores + np.eye(len(hessian))) @ posterior
-    growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
-    return posterior * growth[:, None] * growth[None, :]
+    posterior = np.linalg.inv(best.curvature)
+    if len(clusters) > 1 and len(posterior):
+        scores = np.stack([slope.T @ error for error, slope in clusters])
+        small_sample = len(clusters) / (len(clusters) - 1.0)
+        robust = posterior @ (small_sample * scores.T @ scores + np.eye(len(posterior))) @ posterior
+        growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
+        posterior = posterior * growth[:, None] * growth[None, :]
+    covariance = np.eye(len(best.point))
+    covariance[np.ix_(best.free, best.free)] = posterior
+    return covariance
 
 
 def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
@@ -298,13 +279,6 @@ def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray
         determined = bool(posterior[entry.unknown] < UNDETERMINED)
         estimates.append(Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown])))
     return tuple(estimates)
-
-
-def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Complex[np.ndarray, "case probe order"]:
-    """Model minus measured [m] from the residual in standard errors, zero where nothing was measured."""
-    weight = np.asarray(data.weight)
-    pairs = np.divide(error.reshape(weight.shape), weight, out=np.zeros(weight.shape), where=weight > 0.0)
-    return pairs[..., 0] + 1j * pairs[..., 1]
 
 
 def _held_out(data: Data, again: list[End], folds: np.ndarray) -> float | None:

@@ -1,46 +1,65 @@
 """How large a residual the measurement allows: standard errors, the model's tolerance, scatter between runs."""
 
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
 
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
 from rotorjax.inverse import fault_sensitivity, installed_faults, polar_covariance
-from rotorjax.measurement import Measurement
+from rotorjax.measurement import Measurement, is_half_order
 from rotorjax.model import Model
 
 FEW_RUNS = 4
 """Fewer runs say nothing useful about the scatter between runs."""
+LARGEST_HEALTHY_CHI2 = 1.5
+"""Reduced chi-square up to which the noise of the table is taken to account for what is left."""
+NOISE_FLOOR = 1e-6
+"""Least inferred standard error, relative to the measured rms: below it, rounding of the table decides."""
+LEAST_NOISE = 1e-12
+"""Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
+MISFIT_PASSES = 5
+"""Passes of the equation for the misfit that scatter between runs leaves."""
 LEAST_GAIN = 2.0
 """Log likelihood that scatter between runs must gain to be believed."""
 
 
 class RunScatter(NamedTuple):
-    """Standard deviation per component of a random unbalance in every run, of zero mean. The bow is never told from it."""
+    """Standard deviation per component of a random unbalance and a random bow in every run, of zero mean."""
 
     unbalance_kg_m: float = 0.0
     bow_m: float = 0.0
-    share: float = 0.0
-    """Share of the squared residual that it accounts for."""
 
     def as_json(self) -> dict[str, float]:
         """In engineering units."""
         return {"unbalance_g_mm": self.unbalance_kg_m / GRAM_MILLIMETRE, "bow_um": self.bow_m / MICROMETRE}
 
 
-def scatter_factor(measurement: Measurement, model: Model) -> Float[np.ndarray, "run dof latent"]:
+class Noise(NamedTuple):
+    """What is added to the standard errors of the table: an isotropic allowance for misfit [m], and scatter between runs."""
+
+    allowance: float = 0.0
+    scatter: RunScatter = RunScatter()
+
+
+NO_SCATTER, NO_NOISE = RunScatter(), Noise()
+
+
+def scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter = NO_SCATTER) -> Float[np.ndarray, "run dof latent"]:
     """Factor L of the covariance L Lᵀ of the random (U_x, U_y, s_x, s_y) of each run [kg m, m].
 
-    What the user declared of the installed weights and bows: relative size along, angle across.
+    What the user declared of the installed weights and bows, relative size along and angle across, and ``scatter``.
     """
     known, installed = measurement.knowledge, installed_faults(model, measurement)
     factors = np.zeros((len(measurement.runs), 4, 4))
     for run, fault in enumerate(installed):
-        covariance = np.zeros((4, 4))
-        covariance[:2, :2] = polar_covariance(fault[:2], known.installed_unbalance, known.installed_angle_rad)
-        covariance[2:, 2:] = polar_covariance(fault[2:], known.installed_bow, known.installed_angle_rad)
+        covariance = np.diag([scatter.unbalance_kg_m**2] * 2 + [scatter.bow_m**2] * 2)
+        covariance[:2, :2] += polar_covariance(fault[:2], known.installed_unbalance, known.installed_angle_rad)
+        covariance[2:, 2:] += polar_covariance(fault[2:], known.installed_bow, known.installed_angle_rad)
         values, directions = np.linalg.eigh(covariance)
         factors[run] = directions * np.sqrt(np.maximum(values, 0.0))
     return factors
@@ -53,61 +72,131 @@ def scatter_wanted(measurement: Measurement) -> bool:
     return len(measurement.runs) >= FEW_RUNS and known.run_scatter == "auto" and measurement.sigma is not None and not declared
 
 
-def infer_run_scatter(measurement: Measurement, model: Model, residual: np.ndarray) -> RunScatter:
-    """Scatter of unbalance between runs: the τ that makes the residuals of a fitted model most likely.
+class Floor(NamedTuple):
+    """What is left of the measured vectors when influence coefficients are fitted to them: no linear rotor, alike in all runs, does better."""
 
-    Per run r = B ξ + e, ξ ~ N(0, τ²I), e ~ N(0, σ²). With BᵀB/σ² = Q Λ Qᵀ and t = Qᵀ Bᵀr/σ² the log likelihood is
-    Σ -log(1 + τ²λ)/2 + τ²t²/(1 + τ²λ)/2 over runs and components, maximised on a grid of τ² (one part in a hundred).
-    A random bow is told from a random unbalance by its speed law only, so that the scatter is put down to
-    unbalance, in the units in which weights are installed.
+    noise: Noise
+    """Scatter between runs, and the isotropic misfit beside it, that make it most likely."""
+    freedom: int
+    """Complex degrees of freedom that were left to tell."""
 
-    What all runs share is no scatter: the unbalance and bow common to all are taken off first.
 
-    **Arguments:** ``residual`` measured minus predicted [m], shape (case, probe, order). **Returns** zeros where
-    the scatter cannot be inferred (`scatter_wanted`) or does not gain a log likelihood of 2.
+NO_FLOOR = Floor(NO_NOISE, 0)
+
+
+def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"]) -> Floor:
+    """Scatter between runs, told from every effect that acts alike in all of them.
+
+    At each speed, probe and order the residual is fitted by influence coefficients: a constant, and one complex number
+    per balancing plane and for the bow, times what was installed. Any linear rotor lies in what these span. What is
+    left is a random unbalance and bow per run, ξ ~ N(0, diag(τ_U², τ_U², τ_s², τ_s²)), and noise N(0, σ² + a²): τ_U, τ_s
+    and a maximise the restricted likelihood (Patterson, Thompson 1971, Biometrika 58:545-554), by the simplex of Nelder
+    and Mead (1965); each is believed only where it gains a log likelihood of 2, unbalance before bow.
+
+    **Arguments:** ``residual`` measured minus predicted by some ``model`` [m], which takes out most of what depends on
+    small differences in speed. **Returns** `NO_FLOOR` where nothing can be inferred (`scatter_wanted`).
     """
     if not scatter_wanted(measurement):
-        return RunScatter()
+        return NO_FLOOR
+    rows = _beyond_influence(measurement, fault_sensitivity(model, measurement.conditions), residual)
+    if not np.any(rows.error):
+        return NO_FLOOR
+    best = rows.most_likely(())
+    for which in ((0,), (1,), (0, 1)):
+        more = rows.most_likely(which)
+        if more[0] > best[0] + LEAST_GAIN:
+            best = more
+    misfit = best[1] if best[0] > rows.value(0.0, best[2]) + LEAST_GAIN else 0.0
+    return Floor(Noise(misfit, RunScatter(*(float(d) for d in best[2]))), len(rows.error) // 2)
+
+
+class _Rows(NamedTuple):
+    """Residuals that influence coefficients leave, and how the random unbalance and bow of every run enter them."""
+
+    error: Float[np.ndarray, "cell"]
+    slopes: Float[np.ndarray, "cell latent"]
+    """Latents run by run: U_x, U_y, s_x, s_y."""
+    variance: Float[np.ndarray, "cell"]
+
+    def value(self, allowance: float, deviation: Float[np.ndarray, "2"]) -> float:
+        """Restricted log likelihood."""
+        inverse = 1.0 / (self.variance + allowance**2)
+        total = 0.5 * float(np.sum(np.log(inverse))) - 0.5 * float(inverse @ self.error**2)
+        if not np.any(deviation):
+            return total
+        each = np.tile(np.repeat(deviation, 2), self.slopes.shape[1] // 4)
+        latent = self.slopes[:, each > 0.0] * each[each > 0.0]
+        factor = np.linalg.cholesky(np.eye(latent.shape[1]) + latent.T @ (inverse[:, None] * latent))
+        score = solve_triangular(factor, latent.T @ (inverse * self.error), lower=True)
+        return total + 0.5 * float(score @ score) - float(np.sum(np.log(np.diag(factor))))
+
+    def most_likely(self, which: tuple[int, ...]) -> tuple[float, float, Float[np.ndarray, "2"]]:
+        """Log likelihood, misfit and deviations at the maximum, with only these deviations free."""
+        misfit = math.sqrt(float(np.mean(self.error**2)))
+        slope = np.sqrt(np.sum(self.slopes**2, axis=0).reshape(-1, 2, 2).mean(axis=(0, 2)) / len(self.error))
+        size = misfit / np.maximum(slope, 1e-300) / math.sqrt(self.slopes.shape[1] / 4)
+
+        def unpack(logs: np.ndarray) -> tuple[float, np.ndarray]:
+            deviation = np.zeros(2)
+            deviation[list(which)] = size[list(which)] * np.exp(np.clip(logs[1:], -20.0, 10.0))
+            return misfit * math.exp(min(max(logs[0], -20.0), 5.0)), deviation
+
+        if any(slope[k] == 0.0 for k in which):
+            return -math.inf, 0.0, np.zeros(2)
+        options = {"xatol": 0.01, "fatol": 0.01, "maxiter": 400}
+        found = minimize(lambda logs: -self.value(*unpack(logs)), np.full(1 + len(which), -1.0), method="Nelder-Mead", options=options)
+        return -float(found.fun), *unpack(found.x)
+
+
+def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case probe order 2 4"], residual: np.ndarray) -> _Rows:
+    """Residuals projected, at every speed, probe and order, on what influence coefficients cannot reach."""
+    cluster, speeds = measurement.speed_cluster()
+    conditions = measurement.conditions
+    unbalance = np.asarray(conditions.unbalance) @ np.array([1.0, 1j])
+    bow = np.asarray(conditions.bow) @ np.array([1.0, 1j])
+    installed = np.column_stack([unbalance, bow])
+    installed = installed / np.maximum(np.abs(installed).max(axis=0), 1e-300)
     weight = measurement.weights(0.0)
-    whitened = fault_sensitivity(model, measurement.conditions) * weight[..., None]
-    errors = _less_common(whitened, numpy_pair(residual) * weight)
-    slopes = whitened[..., :2]
-    curvature, score = [], []
-    for run in range(len(measurement.runs)):
-        cases = measurement.run == run
-        block, error = slopes[cases].reshape(-1, 2), errors[cases].ravel()
-        values, directions = np.linalg.eigh(block.T @ block)
-        curvature.append(np.maximum(values, 0.0))
-        score.append(directions.T @ block.T @ error)
-    lam, t = np.concatenate(curvature), np.concatenate(score)
-    if not np.any(lam):
-        return RunScatter()
-    variance = np.logspace(-3.0, 12.0, 3501)[:, None] / np.mean(lam)
-    gain = 0.5 * np.sum(variance * t**2 / (1.0 + variance * lam) - np.log1p(variance * lam), axis=1)
-    best = int(np.argmax(gain))
-    if gain[best] <= LEAST_GAIN:
-        return RunScatter()
-    found = float(variance[best, 0])
-    explained = np.sum(t**2 * found / (1.0 + found * lam) * (2.0 - found * lam / (1.0 + found * lam)))
-    return RunScatter(math.sqrt(found), 0.0, float(np.clip(explained / np.sum(errors**2), 0.0, 1.0)))
+    errors, enters, variances = [], [], []
+    for speed, (probe, order) in itertools.product(range(len(speeds)), np.ndindex(residual.shape[1:])):
+        n = measurement.orders[order]
+        cases = np.flatnonzero((cluster == speed) & measurement.present[:, probe, order])
+        if is_half_order(n) or n == 0.0 or len(cases) < 2:
+            continue
+        columns = np.column_stack([np.ones(len(cases)), *([installed[cases]] if n == 1.0 else [])])
+        left, size, _ = np.linalg.svd(columns)
+        beyond = left[:, int(np.sum(size > 1e-9 * size[0])) :].conj().T
+        if not len(beyond):
+            continue
+        complex_slopes = slopes[cases, probe, order, 0] + 1j * slopes[cases, probe, order, 1]
+        spread = np.zeros((len(cases), len(measurement.runs), 4), complex)
+        spread[np.arange(len(cases)), measurement.run[cases]] = complex_slopes
+        errors.append(numpy_pair(beyond @ residual[cases, probe, order]).ravel())
+        enters.append(np.moveaxis(numpy_pair(np.einsum("ic,crl->irl", beyond, spread)), -1, 1).reshape(2 * len(beyond), -1))
+        variances.append(np.full(2 * len(beyond), np.mean(1.0 / weight[cases, probe, order, 0] ** 2)))
+    if not errors:
+        return _Rows(np.zeros(0), np.zeros((0, 4)), np.zeros(0))
+    return _Rows(np.concatenate(errors), np.concatenate(enters), np.concatenate(variances))
 
 
-def _less_common(slopes: Float[np.ndarray, "case probe order 2 4"], errors: Float[np.ndarray, "case probe order 2"]) -> Float[np.ndarray, "case probe order 2"]:
-    """Errors less the one unbalance and bow that would serve all runs."""
-    matrix = slopes.reshape(-1, 4)
-    norm = np.linalg.norm(matrix, axis=0)
-    matrix = matrix / np.where(norm > 0.0, norm, 1.0)
-    return errors - (matrix @ np.linalg.lstsq(matrix, errors.ravel(), rcond=1e-8)[0]).reshape(errors.shape)
+def scatter_share(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], scatter: RunScatter) -> float:
+    """Share of the squared residual that a scatter between runs accounts for."""
+    plain, undone = (whitened_residual(measurement, model, residual, Noise(0.0, s)) for s in (NO_SCATTER, scatter))
+    total = float(plain @ plain)
+    return 1.0 - float(undone @ undone) / total if total > 0.0 else 0.0
 
 
-def whitened_residual(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "cell"]:
-    """Residual in standard errors with unit covariance: the declared errors of installed weights and bows are undone per run.
+def whitened_residual(
+    measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], noise: Noise = NO_NOISE
+) -> Float[np.ndarray, "cell"]:
+    """Residual in standard errors with unit covariance: the random unbalance and bow of each run are undone.
 
-    **Arguments:** ``residual`` [m]; ``model``: where the sensitivity to those is taken. The noise must be known.
+    **Arguments:** ``residual`` [m]; ``model``: where the sensitivity to those is taken; ``noise``: what to add to the
+    table's, which must be known.
     """
-    weight = measurement.weights(0.0)
+    weight = measurement.weights(noise.allowance)
     errors = numpy_pair(residual) * weight
-    factor = scatter_factor(measurement, model)
+    factor = scatter_factor(measurement, model, noise.scatter)
     if not np.any(factor):
         return errors[weight > 0.0]
     slopes = fault_sensitivity(model, measurement.conditions) * weight[..., None]
@@ -120,10 +209,37 @@ def whitened_residual(measurement: Measurement, model: Model, residual: Complex[
     return np.concatenate(parts)
 
 
-def reduced_chi2(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], *, fitted: int = 0) -> float | None:
+def reduced_chi2(
+    measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], *, fitted: int = 0, noise: Noise = NO_NOISE
+) -> float | None:
     """Squared residual in squared standard errors per degree of freedom; none where the noise is unknown or nothing is left over."""
     if measurement.sigma is None:
         return None
-    errors = whitened_residual(measurement, model, residual)
+    errors = whitened_residual(measurement, model, residual, noise)
     freedom = len(errors) - fitted
     return float(errors @ errors) / freedom if freedom > 0 else None
+
+
+def misfit_of(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], fitted: int, floor: Noise) -> float:
+    """Isotropic standard error that accounts for what is left [m]: at least that of ``floor``, which is enough if the residual is healthy under it.
+
+    **Arguments:** ``fitted``: number of parameters fitted; ``floor``: noise beside the table's, whose scatter between
+    runs is taken off.
+    """
+    if measurement.sigma is None:
+        counted = np.repeat(measurement.present[..., None], 2, axis=-1)
+        counted[:, :, np.array(measurement.orders) == 0.0, 1] = False
+        total = float(np.sum(numpy_pair(residual)[counted] ** 2)) / max(1, int(counted.sum()) - fitted)
+        return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
+    allowance = floor.allowance
+    for _ in range(MISFIT_PASSES):
+        errors = whitened_residual(measurement, model, residual, Noise(allowance, floor.scatter))
+        chi2 = float(errors @ errors) / max(1, len(errors) - fitted)
+        if allowance == floor.allowance and chi2 <= LARGEST_HEALTHY_CHI2:
+            break
+        weight = measurement.weights(allowance)
+        variance = 1.0 / float(np.mean(weight[weight > 0.0] ** 2))
+        allowance = math.sqrt(max(allowance**2 + variance * (chi2 - 1.0), floor.allowance**2))
+        if not np.any(scatter_factor(measurement, model, floor.scatter)):
+            break
+    return allowance

@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.descent import Data, best_of, declared_starts, descend, make_data
-from rotorjax.discovery.fit import Fit, residual_vectors
+from rotorjax.discovery.descent import Data, best_of, declared_starts, descend, make_data, residual_vectors
+from rotorjax.discovery.fit import Fit
+from rotorjax.discovery.noise import Noise
 
 TIE = 3.0
 """Difference in log posterior below which two explanations are not told apart by the data."""
@@ -35,7 +36,7 @@ def rivals(fitted: Fit) -> list[Rival]:
     starts; nothing is compiled anew. **Returns** the rivals, for every effect the nearest first.
     """
     space, measurement = fitted.stage.space, fitted.stage.measurement
-    data = make_data(measurement, space.model_at(fitted.end.point), fitted.misfit)
+    data = make_data(measurement, space.model_at(fitted.end.point), Noise(fitted.misfit))
     present = {e.name: type(e) for e in space.model.effects}
     found = []
     for name in fitted.free:

@@ -18,14 +18,14 @@ LAYERS = [
     {"space"},
     {"inverse"},
     {"discovery"},
-    {"plots", "report", "pictures", "catalogue", "data"},
+    {"plots", "report", "answer", "pictures", "catalogue", "data"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 PUBLIC = {
-    "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation", "ExcitationEffect", "Fault", "Fit",
+    "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation", "ExcitationEffect", "Explanation", "Fault", "Fit",
     "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",
-    "ReadingEffect", "Rig", "Rival", "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "fit",
+    "ReadingEffect", "Rig", "Rival", "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain", "fit",
     "fit_steps", "parameter", "read_measurement", "read_rig", "response", "rivals", "tell",
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from rotorjax._core import CONVERGED, MAX_STEPS, NOT_FINITE, Quadratic, levenberg_marquardt, require_float64, unit_of
+from rotorjax._core import CONVERGED, MAX_STEPS, NOT_FINITE, Quadratic, Tolerance, levenberg_marquardt, require_float64, unit_of
 
 
 def quadratic_of(residual):
@@ -28,7 +28,7 @@ def decay(p):
 
 @pytest.mark.parametrize(("residual", "start"), [(rosenbrock, [-1.2, 1.0]), (decay, [1.0, 0.1, 0.0])])
 def test_minimum_is_that_of_scipy(residual, start):
-    found = levenberg_marquardt(quadratic_of(residual), jnp.array(start), tolerance=1e-12)
+    found = levenberg_marquardt(quadratic_of(residual), jnp.array(start), tolerance=Tolerance(1e-12, 1e-12))
     peer = least_squares(lambda p: np.asarray(residual(jnp.asarray(p))), start, xtol=1e-12, ftol=1e-12, gtol=1e-12)
     assert int(found.result) == CONVERGED
     assert int(found.steps) < 60

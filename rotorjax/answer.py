@@ -1,0 +1,202 @@
+"""What people read of an explanation: the verdict in a sentence, rankings, ties, the next measurement, JSON."""
+
+import math
+from typing import Any
+
+from rotorjax._core import CONVERGED, MICROMETRE
+from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.noise import NO_SCATTER
+from rotorjax.discovery.search import DETECTED, Ranked
+from rotorjax.discovery.ties import Alternative
+from rotorjax.report import Page, Picture, findings, measurement_line, share_table, step_json, step_labels, step_tables, steps, view_json, worst_cells
+from rotorjax.tables import Table, number
+
+SHOWN = 6
+"""Effects shown in a ranking."""
+MOST_CONTAINS = 3
+"""Larger sets named as containing the answer."""
+
+
+def listed(names: tuple[str, ...] | list[str]) -> str:
+    """Names in a sentence."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def sentence(found: Explanation) -> str:
+    """The answer in a few sentences."""
+    story = found.story
+    before = story.declared.rms / MICROMETRE
+    size = story.measurement.rms / MICROMETRE
+    share = f", {number(100.0 * before / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
+    first = f"The model as declared misses by {number(before)} µm rms{share}."
+    parts = {
+        "nothing missing": ["Nothing is missing that these data could show.", first],
+        "explained": [f"Missing: {listed(found.effects)}.", first, _fall(found)],
+        "undecided": [f"Undecided: {listed(found.effects)}, but other effects do as well.", first, _fall(found)],
+        "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
+    }[found.verdict]
+    return " ".join([*(part for part in parts if part), *_ties(found), _left(found)])
+
+
+def _unexplained(found: Explanation) -> str:
+    if not found.effects:
+        return "Unexplained: no effect of the catalogue accounts for what the model misses."
+    return f"Unexplained: {listed(found.effects)} account for part of it, and no further effect of the catalogue for the rest."
+
+
+def _fall(found: Explanation) -> str:
+    story = found.story
+    before, after = story.views[0].rms, story.last.rms
+    held = story.fits[-1].held_out_rms
+    fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
+    held_text = f" ({number(before / held)}-fold on data held out)" if held else ""
+    return f"With {listed(found.effects)} the error falls {fold}{held_text} to {number(after / MICROMETRE)} µm rms."
+
+
+def _left(found: Explanation) -> str:
+    p = found.p_value
+    if p is None:
+        return "The noise is unknown, so that nothing says whether what is left is more than noise." if found.contest.measurement.sigma is None else ""
+    sign = ">=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else ""
+    scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
+    judged = "is more than" if found.verdict == "unexplained" else "is what"
+    allow = "" if found.verdict == "unexplained" else " allow" if scatter else " allows"
+    return f"What is left {judged} the noise{scatter}{allow} (p {sign or '='} {number(p.value, 2)}, {p.draws} draws)."
+
+
+def _ties(found: Explanation) -> list[str]:
+    return [f"These data cannot tell {listed(t.instead_of)} from {listed(t.effects)}." for t in found.ties.tied if t.instead_of and t.effects]
+
+
+def notes(found: Explanation) -> list[str]:
+    """What else a user must know."""
+    lines = []
+    for group in found.ties.groups():
+        lines.append("Tie: " + ", or ".join(listed(names) if names else "nothing in its place" for names in group) + ".")
+    lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
+    if found.next_measurement is not None:
+        n = found.next_measurement
+        one, other = (listed(names) for names in n.separates)
+        lines.append(
+            f"Measure next: {n.run} at {n.speed_rpm:.0f} rpm; there {one} and {other} differ by {number(n.standardised_difference, 2)} standard errors."
+        )
+    elif found.ties.tied:
+        advice = ""
+        if found.story.model.slow_roll is not None:
+            advice = "; vectors without the slow-roll subtraction would tell a bow from an unbalance"
+        lines.append(f"No reading of these runs within the limits would settle the tie{advice}.")
+    lines += [f"Detected, but too small to matter: {small.effect} ({small.why})." for small in found.detected_but_small]
+    return lines + findings(found.story)
+
+
+def _contains(other: Alternative) -> str:
+    return f"{listed(other.effects)} contains {listed(other.instead_of)} and is not needed (log evidence {number(other.gap, 2)} behind)."
+
+
+def ranking_tables(found: Explanation) -> list[Table]:
+    """What a further effect would bring, at every step."""
+    tables = []
+    for step, ranked in enumerate(found.rankings):
+        beside = f"beside {listed(found.effects[:step])}" if step else "in the model as declared"
+        rows = [[r.effect, _probability(r.probability), number(r.log_evidence, 5), _rms(found, r)] for r in _shown(ranked)]
+        note = "" if step < len(found.effects) else f'Nothing is added while "none" has a probability of {100.0 * DETECTED:g} % or more.'
+        tables.append(Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note))
+    return tables
+
+
+def _shown(ranked: tuple[Ranked, ...]) -> list[Ranked]:
+    none = [r for r in ranked[SHOWN:] if r.effect == "none"]
+    return [*ranked[:SHOWN], *none]
+
+
+def _probability(value: float) -> str:
+    return f"{value:.4f}" if value >= 1e-4 else f"{value:.1e}" if value > 1e-99 else "0"
+
+
+def _rms(found: Explanation, ranked: Ranked) -> str:
+    return number(found.chi2(ranked), 3)
+
+
+def explanation_tables(found: Explanation) -> list[Table]:
+    """Error fall, parameters, rankings."""
+    return [*step_tables(found.story), *ranking_tables(found)]
+
+
+def explanation_text(found: Explanation) -> str:
+    """Everything that `rotorjax explain` prints."""
+    parts = [measurement_line(found.story.measurement), sentence(found)]
+    parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
+    parts += [table.text() for table in explanation_tables(found)]
+    parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails").text())
+    return "\n\n".join(parts)
+
+
+def explanation_page(found: Explanation, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:
+    """The report of `explain`. **Arguments:** ``pictures``: pairs of caption and SVG."""
+    story = found.story
+    where = [worst_cells(story.declared, "Where the model as declared fails"), worst_cells(story.last, "Where it fails with what was added")]
+    drawn = [Picture.of(caption, svg) for caption, svg in pictures]
+    tables = explanation_tables(found)
+    return Page(
+        title, sentence(found), measurement_line(story.measurement), notes(found), tables, drawn, [*where, share_table(story.last, "Share of what is left")]
+    )
+
+
+def explanation_json(found: Explanation) -> dict[str, Any]:
+    """What ``explain --json`` writes: plain finite numbers, null where a key does not apply."""
+    story = found.story
+    labels = step_labels(story)
+    kept = list(zip(labels, steps(story), strict=True))[-len(found.rankings) :]
+    every = []
+    for k, (label, (view, fitted)) in enumerate(kept):
+        every.append(
+            {**step_json(label, view, fitted), "ranking": _ranking_json(found, k), "ties": found.ties.groups() if k == len(kept) - 1 else _near(found, k)}
+        )
+    every[0]["added"] = None
+    if not story.fits[0].estimates:
+        every[0]["parameters"] = {}
+    n = found.next_measurement
+    return {
+        "verdict": found.verdict,
+        "sentence": sentence(found),
+        "effects": list(found.effects),
+        "steps": every,
+        "ranking": _ranking_json(found, 0),
+        "ties": found.ties.groups(),
+        "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
+        "detected_but_small": [small._asdict() for small in found.detected_but_small],
+        "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
+        "next_measurement": None
+        if n is None
+        else {
+            "run": n.run,
+            "speed_rpm": n.speed_rpm,
+            "separates": [" + ".join(names) for names in n.separates],
+            "standardised_difference": n.standardised_difference,
+        },
+        "noise": "given" if found.contest.measurement.noise == "given" else "inferred",
+        "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
+        "p_value": None if found.p_value is None else found.p_value.value,
+        "findings": notes(found),
+    }
+
+
+def _ranking_json(found: Explanation, step: int) -> list[dict[str, Any]]:
+    return [
+        {
+            "effect": r.effect,
+            "probability": r.probability,
+            "log_evidence": r.log_evidence if math.isfinite(r.log_evidence) else None,
+            "reduced_chi2": found.chi2(r),
+            "converged": r.contender.best.result == CONVERGED,
+        }
+        for r in found.rankings[step]
+    ]
+
+
+def _near(found: Explanation, step: int) -> list[list[list[str]]]:
+    """Effects that the next step could as well have begun with."""
+    ranked = found.rankings[step]
+    added = next((r for r in ranked if step < len(found.effects) and r.effect == found.effects[step]), ranked[0])
+    others = [[r.effect] for r in ranked if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < found.tie]
+    return [[[added.effect], *others]] if others and added.effect != "none" else []

@@ -1,0 +1,201 @@
+"""Which physical effect is missing: the answer, how sure it is, what it cannot tell apart, what to measure next."""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rotorjax._core import MICROMETRE, numpy_pair, require_float64
+from rotorjax.discovery.bootstrap import PValue, p_value
+from rotorjax.discovery.compare import compare_vectors
+from rotorjax.discovery.descent import best_of, descend, half_order_sign, predict
+from rotorjax.discovery.fit import Fit, Round, Stage, summarise
+from rotorjax.discovery.held_out import HeldOut, held_out
+from rotorjax.discovery.next_measurement import Proposal, next_measurement
+from rotorjax.discovery.noise import NO_SCATTER, Noise
+from rotorjax.discovery.race import Contest, Effects, make_contest, misfit_left, race
+from rotorjax.discovery.rivals import TIE
+from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, select
+from rotorjax.discovery.story import Story, undriven_orders, without_orders
+from rotorjax.discovery.ties import Ties, find_ties
+from rotorjax.effects import CATALOG
+from rotorjax.measurement import Measurement, is_half_order
+from rotorjax.model import AbstractRotor, Effect, Model
+
+UNEXPLAINED = 0.01
+"""P-value up to which what is left counts as structure."""
+LARGE = 0.1
+"""Share of the measured size above which a residual of unknown noise is not put down to noise."""
+
+Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
+
+
+class Small(NamedTuple):
+    """An effect that was detected but changes too little to be added."""
+
+    effect: str
+    why: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Explanation:
+    """What `explain` found."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    """In the order added; of every tie the most probable."""
+    story: Story
+    """Comparison and fit at every step, the first without any addition."""
+    rankings: tuple[tuple[Ranked, ...], ...]
+    """For every step, what a further effect would bring, "none" among them."""
+    ties: Ties
+    detected_but_small: tuple[Small, ...]
+    next_measurement: Proposal | None
+    p_value: PValue | None
+    noise: Noise
+    """What the answer leaves beside the table's noise."""
+    contest: Contest
+
+    @property
+    def model(self) -> Model:
+        """The model with what was added, fitted."""
+        return self.story.final_model
+
+    @property
+    def tie(self) -> float:
+        """Log evidence by which explanations must differ to be told apart."""
+        return TIE
+
+    def chi2(self, ranked: Ranked) -> float | None:
+        """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they are unknown."""
+        measurement, end = self.contest.measurement, ranked.contender.best
+        if measurement.sigma is None:
+            return None
+        weight = measurement.weights(0.0)
+        left = numpy_pair(predict(self.contest.space, measurement.conditions, end.point[None])[0])
+        sign = half_order_sign(left, numpy_pair(measurement.vectors), weight, np.array([is_half_order(n) for n in measurement.orders]))
+        freedom = int(np.count_nonzero(weight)) - len(end.free)
+        errors = weight * (left - np.asarray(sign) * numpy_pair(measurement.vectors))
+        return float(np.sum(errors**2)) / freedom if freedom > 0 else None
+
+
+def explain(
+    model: Model | AbstractRotor,
+    measurement: Measurement,
+    *,
+    max_effects: int = 3,
+    only: Iterable[str] | None = None,
+    exclude: Iterable[str] = (),
+    catalog: Mapping[str, type[Effect]] = CATALOG,
+    thorough: bool = True,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Explanation:
+    """Find which effects a model lacks.
+
+    Every effect of the catalogue is fitted beside what the user declared uncertain, and "none" with them; the evidence
+    (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added while "none" has a probability below 5 %.
+
+    **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
+    those in ``exclude``; ``catalog``: effects by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with
+    held-out error and p-value; ``progress``: called with a line of text at every stage.
+    **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
+    for a measurement with other probes.
+    """
+    require_float64("explain")
+    full = model if isinstance(model, Model) else Model(model)
+    chosen = tuple(catalog) if only is None else tuple(only)
+    if unknown := [name for name in (*chosen, *exclude) if name not in catalog]:
+        raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join(catalog)}")
+    if full.layout.probes != measurement.probes:
+        raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
+    candidates = [name for name in chosen if name not in set(exclude)]
+    undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
+    kept = without_orders(measurement, undriven)
+    contest = make_contest(full, kept, candidates, catalog)
+    selection = select(contest, max_effects, progress=progress)
+    return _answer(full, selection, undriven, catalog, thorough, progress)
+
+
+def _answer(
+    model: Model, selection: Selection, undriven: tuple[float, ...], catalog: Mapping[str, type[Effect]], thorough: bool, progress: Progress
+) -> Explanation:
+    contest = selection.contest
+    progress("what else would do as well")
+    noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
+    ties = find_ties(contest, selection, noise, catalog)
+    progress("error on data held out")
+    held = held_out(contest, selection) if thorough else HeldOut((None,) * len(selection.races), "not asked for")
+    progress("whether what is left is more than noise")
+    p = p_value(contest, selection.known[selection.present]) if thorough and contest.measurement.sigma is not None else None
+    fits = _fits(contest, model, selection, held)
+    proposal = None
+    if ties.tied:
+        other = ties.tied[0]
+        names = (other.instead_of, other.effects)
+        proposal = next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
+    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
+    declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
+    story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
+    rankings = []
+    for step in selection.races:
+        rankings.append(tuple(ranking(contest, step, min(step.contenders, key=len))))
+    return Explanation(
+        _verdict(selection, ties, p, fits[-1], contest),
+        selection.effects,
+        story,
+        tuple(rankings),
+        ties,
+        _small(contest, selection),
+        proposal,
+        p,
+        noise,
+        contest,
+    )
+
+
+def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest) -> Verdict:
+    m = contest.measurement
+    if p is not None:
+        structure = p.value <= UNEXPLAINED
+    elif m.sigma is None:
+        structure = not selection.effects and last.misfit > LARGE * m.rms
+    else:
+        structure = last.misfit > contest.floor.allowance
+    if structure:
+        return "unexplained"
+    if not selection.effects:
+        return "nothing missing"
+    return "undecided" if ties.tied else "explained"
+
+
+def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
+    """What was detected and not added, each with the size of its part in the prediction."""
+    found, point = [], selection.known[selection.present].best.point
+    for name in selection.small:
+        without = np.where(contest.only_of([name]), 0.0, point)
+        here, there = predict(contest.space, contest.measurement.conditions, np.stack([point, without]))
+        change = float(np.sqrt(np.mean(np.abs((here - there)[contest.measurement.present]) ** 2)))
+        share = 100.0 * change / contest.measurement.rms
+        found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {share:.2g} % of what was measured"))
+    return tuple(found)
+
+
+def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -> tuple[Fit, ...]:
+    """The fit of every nested set, polished, each under the noise that it leaves."""
+    uncertain = {u.effect for u in contest.measurement.knowledge.uncertain}
+    given = {e.name for e in model.effects} | uncertain
+    fits = []
+    for step, rms in enumerate(held.rms):
+        names = selection.effects[:step]
+        effects: Effects = frozenset(names) | (frozenset(selection.small) if step == len(selection.effects) else frozenset())
+        noise = Noise(misfit_left(contest, selection.known[effects], selection.races[step].noise), contest.floor.scatter)
+        contender = race(contest, noise, [effects], selection.known)[effects]
+        data = contest.data(noise, contender.best.point)
+        starts = np.stack([end.point for end in contender.ends[:2]])
+        every = np.ones((len(starts), len(contest.measurement.run)), bool)
+        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point))
+        stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
+        scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
+        fits.append(summarise(stage, Round(noise.allowance, data, best, starts, noise.allowance), rms, held.reason, scatter=scatter))
+    return tuple(fits)

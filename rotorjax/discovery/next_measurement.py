@@ -1,0 +1,93 @@
+"""The measurement that would tell two explanations apart best, within the user's limits."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, RPM, numpy_pair
+from rotorjax.discovery.descent import End, predict
+from rotorjax.discovery.noise import Noise
+from rotorjax.discovery.race import Contest
+from rotorjax.inverse import NEAR_PEAK, resonances_rpm
+from rotorjax.model import Conditions
+
+SPEEDS = 41
+"""Speeds tried within the limits."""
+MOST_RUNS = 5
+"""Runs tried: those that differ most from one another in what is installed."""
+TELLING = 2.0
+"""Standard errors by which predictions must differ for a reading to be worth proposing."""
+STEP = 1e-3
+"""Step of the difference quotients, in prior scales."""
+BARE, TRIAL = "a run with nothing installed", "a run with a trial weight of {:g} g mm at 0°"
+
+
+class Proposal(NamedTuple):
+    """One reading, and by how many standard errors the predictions of two explanations differ there."""
+
+    run: str
+    speed_rpm: float
+    separates: tuple[tuple[str, ...], tuple[str, ...]]
+    standardised_difference: float
+
+
+def next_measurement(contest: Contest, noise: Noise, first: End, second: End, names: tuple[tuple[str, ...], tuple[str, ...]]) -> Proposal | None:
+    """The run and speed at which two fitted explanations differ most.
+
+    The difference counts in standard errors of noise and of what the parameters of both leave open. Near a resonance of
+    either nothing is proposed: there the model's own error rules. None if no reading within the limits would tell.
+    """
+    runs = _runs(contest)
+    model = contest.space.model_at(first.point)
+    peaks = np.concatenate([resonances_rpm(model), resonances_rpm(contest.space.model_at(second.point))])
+    measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
+    low, high = limits.speed_rpm or (0.5 * measured.min(), 1.5 * measured.max())
+    speeds = np.linspace(low, high, SPEEDS)
+    unbalance = np.repeat(np.stack([u for u, _ in runs.values()]), SPEEDS, axis=0)
+    bow = np.repeat(np.stack([b for _, b in runs.values()]), SPEEDS, axis=0)
+    conditions = Conditions(jnp.asarray(np.tile(speeds, len(runs)) * RPM), jnp.asarray(unbalance), jnp.asarray(bow))
+    shown, spread = zip(*(_prediction(contest, conditions, end) for end in (first, second)), strict=True)
+    weight = contest.measurement.weights(noise.allowance)
+    sigma = 1.0 / np.median(weight[weight > 0.0])
+    gap = numpy_pair(shown[0] - shown[1]).reshape(len(unbalance), -1)
+    covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s @ np.swapaxes(s, 1, 2) for s in spread)
+    size = np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))
+    speed = np.tile(speeds, len(runs))
+    allowed = np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1) if len(peaks) else np.ones(len(speed), bool)
+    largest = max(float(np.abs(contest.measurement.vectors).max()), MICROMETRE) * 3.0
+    most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
+    allowed &= np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
+    if not allowed.any():
+        return None
+    best = int(np.argmax(np.where(allowed, size, -1.0)))
+    if size[best] < TELLING:
+        return None
+    return Proposal(list(runs)[best // SPEEDS], float(speed[best]), names, float(size[best]))
+
+
+def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """What may be installed: as in some of the runs there are, nothing, or a trial weight within the limits."""
+    m = contest.measurement
+    first = [int(np.argmax(m.run == k)) for k in range(len(m.runs))]
+    unbalance, bow = np.asarray(m.conditions.unbalance)[first], np.asarray(m.conditions.bow)[first]
+    size = np.linalg.norm(unbalance.reshape(len(first), -1), axis=1)
+    picked = np.unique(np.argsort(size)[np.linspace(0, len(first) - 1, min(MOST_RUNS, len(first))).round().astype(int)])
+    runs = {m.runs[k]: (unbalance[k], bow[k]) for k in picked}
+    if np.all((size > 0.0) | np.any(bow != 0.0, axis=1)):
+        runs[BARE] = (np.zeros_like(unbalance[0]), np.zeros(2))
+    if (trial := m.knowledge.limits.trial_weight_g_mm) is not None:
+        weight = unbalance[picked[0]].copy()
+        weight[0] = [trial * GRAM_MILLIMETRE, 0.0]
+        runs[TRIAL.format(trial)] = (weight, bow[picked[0]])
+    return runs
+
+
+def _prediction(contest: Contest, conditions: Conditions, end: End) -> tuple[np.ndarray, Float[np.ndarray, "case cell free"]]:
+    """Vectors, and how the uncertainty of the free unknowns spreads them (a factor of their covariance)."""
+    steps = STEP * np.eye(len(end.point))[end.free]
+    shown = predict(contest.space, conditions, np.concatenate([end.point[None], end.point + steps]))
+    slopes = numpy_pair(shown[1:] - shown[0]).reshape(len(steps), len(shown[0]), -1) / STEP
+    root = np.linalg.cholesky(np.linalg.inv(end.curvature)) if len(steps) else np.zeros((0, 0))
+    return shown[0], np.einsum("fci,fg->cig", slopes, root)

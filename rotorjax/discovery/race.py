@@ -1,0 +1,228 @@
+"""The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from rotorjax._core import CONVERGED
+from rotorjax.discovery.descent import QUICK, Data, End, declared_starts, descend, make_data, residual_vectors
+from rotorjax.discovery.noise import NO_NOISE, Noise, misfit_of, run_floor
+from rotorjax.effects import CATALOG
+from rotorjax.measurement import Measurement
+from rotorjax.model import Effect, Model
+from rotorjax.space import Space, make_space, with_company
+
+MOST_STARTS, MOST_PARENTS = 8, 2
+"""Starts of one set of effects, and known neighbours whose optima they come from."""
+DISTINCT = 3.0
+"""Posterior standard deviations apart from which two optima count as two."""
+NOISE_ROUNDS = 8
+"""Most alternations between a race and the noise that its winner leaves."""
+NOISE_CHANGE = 0.05
+"""Relative change of the noise below which it stands."""
+NONE_ODDS = 0.5
+"""Prior probability that nothing is missing; the rest is shared by family, then by member."""
+
+Effects = frozenset[str]
+"""A hypothesis: the names of the effects that are there."""
+
+
+class Contender(NamedTuple):
+    """A set of effects fitted to the data, best optimum first."""
+
+    effects: Effects
+    ends: tuple[End, ...]
+    log_evidence: float
+
+    @property
+    def best(self) -> End:
+        """The best optimum."""
+        return self.ends[0]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the best descent ended by convergence."""
+        return self.best.result == CONVERGED
+
+
+@dataclasses.dataclass(frozen=True)
+class Contest:
+    """One measurement, and all that hypotheses may be made of."""
+
+    space: Space
+    measurement: Measurement
+    candidates: tuple[str, ...]
+    """Effects that may be missing: not in the model yet, and nothing of theirs declared uncertain."""
+    odds: Mapping[str, float]
+    """Prior odds of each candidate's presence."""
+    training: Bool[np.ndarray, "case"]
+    """Cases that count."""
+    floor: Noise = NO_NOISE
+    """Noise beside the table's that is known to be there."""
+
+    def log_odds(self, effects: Iterable[str]) -> float:
+        """Logarithm of the prior odds of a set against the empty one."""
+        return sum(math.log(self.odds[name]) for name in effects)
+
+    def free(self, effects: Effects) -> Bool[np.ndarray, "param"]:
+        """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""
+        return self.space.free(list(effects))
+
+    def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
+        """Unknowns of these effects alone."""
+        mask = np.zeros(len(self.space.entries), bool)
+        for entry in self.space.entries:
+            if entry.effect in effects and not entry.declared_uncertain:
+                mask[entry.unknown] = True
+        return mask
+
+    def model_at(self, contender: Contender) -> Model:
+        """The full model at a contender's optimum."""
+        return self.space.model_at(contender.best.point)
+
+    def data(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Data:
+        """The measurement in units of a noise, the sensitivity to what is random taken at a point."""
+        return make_data(self.measurement, self.space.model_at(point), noise)
+
+    def left(self, end: End, data: Data) -> Complex[np.ndarray, "case probe order"]:
+        """Model minus measured on the cases that count, zero elsewhere [m]."""
+        return residual_vectors(end.local.error, data) * self.training[:, None, None]
+
+    def kept_measurement(self) -> Measurement:
+        """The measurement with the cases that do not count marked absent."""
+        if self.training.all():
+            return self.measurement
+        return dataclasses.replace(self.measurement, present=self.measurement.present & self.training[:, None, None])
+
+
+def make_contest(model: Model, measurement: Measurement, candidates: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Contest:
+    """All candidates at their null beside the model's own effects; odds by family, then by member.
+
+    Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
+    """
+    full = with_company(model.with_orders(measurement.orders), catalog, catalog)
+    space = make_space(full, measurement.knowledge)
+    uncertain = {u.effect for u in measurement.knowledge.uncertain}
+    possible = tuple(name for name in catalog if name in set(candidates) and name not in model and name not in uncertain)
+    shown = tuple(name for name in possible if any(e.effect == name for e in space.entries))
+    families = {family: [n for n in shown if catalog[n].family == family] for family in {catalog[n].family for n in shown}}
+    odds = {n: (1.0 - NONE_ODDS) / NONE_ODDS / len(families) / len(members) for members in families.values() for n in members}
+    return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool))
+
+
+Known = dict[Effects, Contender]
+"""Contenders fitted before: where to start, and what need not be fitted again."""
+
+
+def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known) -> Known:
+    """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls."""
+    wanted = list(dict.fromkeys(hypotheses))
+    if not wanted:
+        return {}
+    reference = min(known.values(), key=lambda c: -c.log_evidence).best.point if known else contest.space.given_unknowns()
+    data = contest.data(noise, reference)
+    starts, masks, owner = [], [], []
+    for effects in wanted:
+        mask = contest.free(effects)
+        for start in _starts(contest, effects, mask, known):
+            starts.append(start)
+            masks.append(mask)
+            owner.append(effects)
+    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
+    ends = descend(contest.space, data, np.stack(starts), np.stack(masks), training, manner=QUICK)
+    found: dict[Effects, list[End]] = {effects: [] for effects in wanted}
+    for effects, end in zip(owner, ends, strict=True):
+        found[effects].append(end)
+    size = int(np.count_nonzero(data.weight[contest.training])) if noise.allowance > contest.floor.allowance else None
+    return {effects: contender_of(effects, group, size) for effects, group in found.items()}
+
+
+def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[np.ndarray]:
+    """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
+    if effects in known:
+        return [end.point for end in known[effects].ends]
+    near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
+    parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[:MOST_PARENTS]]
+    points = []
+    for parent in parents:
+        new = contest.only_of(effects - parent.effects)
+        here = np.where(mask, parent.best.point, contest.space.given_unknowns())
+        points += [np.where(new & (start != 0.0), start, here) for start in declared_starts(contest.space, new)]
+    points = points or list(declared_starts(contest.space, mask))
+    distinct: list[np.ndarray] = []
+    for point in points:
+        if not any(np.allclose(point, other, atol=1e-3) for other in distinct):
+            distinct.append(point)
+    return distinct[:MOST_STARTS]
+
+
+def contender_of(effects: Effects, ends: list[End], unknown_noise: int | None) -> Contender:
+    """Distinct optima, and the evidence summed over them.
+
+    Laplace: -cost - ½ log det H, H in units of the priors. ``unknown_noise``: number of data where the noise level is
+    itself uncertain; it is then marginalised (Jeffreys prior), -(n/2) log(2 cost / n).
+    """
+    distinct: list[End] = []
+    for end in sorted(ends, key=lambda end: end.cost):
+        if not math.isfinite(end.cost):
+            continue
+        gaps = [(end.point - other.point)[end.free] for other in distinct]
+        if all(gap @ end.curvature @ gap > DISTINCT**2 for gap in gaps) or not distinct:
+            distinct.append(end)
+    if not distinct:
+        return Contender(effects, tuple(ends[:1]), -math.inf)
+    terms = []
+    for end in distinct:
+        cost = end.cost if unknown_noise is None else 0.5 * unknown_noise * math.log(max(2.0 * end.cost / unknown_noise, 1e-300))
+        terms.append(-cost - 0.5 * float(np.linalg.slogdet(end.curvature)[1]))
+    return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)))
+
+
+class Race(NamedTuple):
+    """Contenders under one noise: that which the winner leaves."""
+
+    noise: Noise
+    contenders: Known
+    winner: Effects
+
+    def log_posterior(self, contest: Contest, effects: Effects) -> float:
+        """Log evidence plus log prior odds."""
+        return self.contenders[effects].log_evidence + contest.log_odds(effects)
+
+
+def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise) -> Race:
+    """Race hypotheses again and again until the misfit allowed for is what the winner leaves.
+
+    The noise is common to all, so that the evidence compares what they predict and not how much each may miss. It begins
+    wide and comes down, not below the floor: a wide one lets no hypothesis be dragged into a corner by data that it
+    cannot meet. **Arguments:** ``noise``: where to begin.
+    """
+    wanted = list(dict.fromkeys(hypotheses))
+    noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
+    found = {**known, **race(contest, noise, wanted, known)}
+    for _ in range(NOISE_ROUNDS):
+        winner = max((found[effects] for effects in wanted), key=lambda c: c.log_evidence + contest.log_odds(c.effects))
+        after = noise._replace(allowance=misfit_left(contest, winner, noise))
+        if abs(after.allowance - noise.allowance) <= NOISE_CHANGE * max(after.allowance, noise.allowance):
+            break
+        noise = after
+        found.update(race(contest, noise, wanted, found))
+    contenders = {effects: found[effects] for effects in wanted}
+    best = max(wanted, key=lambda effects: contenders[effects].log_evidence + contest.log_odds(effects))
+    return Race(noise, contenders, best)
+
+
+def misfit_left(contest: Contest, contender: Contender, under: Noise) -> float:
+    """Isotropic misfit that a contender, fitted under one noise, leaves [m]."""
+    left = contest.left(contender.best, contest.data(under, contender.best.point))
+    return misfit_of(contest.kept_measurement(), contest.model_at(contender), left, len(contender.best.free), contest.floor)
+
+
+def with_floor(contest: Contest, contender: Contender, under: Noise) -> Contest:
+    """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the rest."""
+    left = contest.left(contender.best, contest.data(under, contender.best.point))
+    return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left).noise)

@@ -1,0 +1,158 @@
+"""The search: forward selection among sets of effects, with swaps, pairs and backward pruning."""
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from rotorjax.discovery.descent import predict
+from rotorjax.discovery.noise import Noise
+from rotorjax.discovery.race import Contender, Contest, Effects, Known, Race, settle, with_floor
+
+DETECTED = 0.05
+"""Probability of "none" below which an effect counts as detected."""
+MATTERS = 0.01
+"""Share of the rms response that an effect must change to matter."""
+PAIRED = 8
+"""Best effects of a race of which all pairs are tried."""
+MOST_SMALL = 3
+"""Effects that are detected without mattering, at most."""
+NOTHING: Effects = frozenset()
+
+Progress = Callable[[str], None]
+
+
+class Ranked(NamedTuple):
+    """One entry of a ranking: the effect that would be added, "none" for adding nothing."""
+
+    effect: str
+    probability: float
+    log_evidence: float
+    contender: Contender
+
+
+class Selection(NamedTuple):
+    """What the search found."""
+
+    contest: Contest
+    """With the noise floor that was inferred on the way."""
+    effects: tuple[str, ...]
+    """Detected, and they matter; in the order added."""
+    small: tuple[str, ...]
+    """Detected, but they change the prediction too little to matter."""
+    races: tuple[Race, ...]
+    """From each of the nested sets of ``effects`` on, the empty one first: what a further effect would bring."""
+    known: Known
+
+    @property
+    def present(self) -> Effects:
+        """All that was detected."""
+        return frozenset(self.effects) | frozenset(self.small)
+
+
+def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
+    """Probabilities of what may be added to a set, "none" among them, the most probable first."""
+    contenders = [c for effects, c in race.contenders.items() if effects >= base and len(effects) <= len(base) + 1]
+    logs = np.array([c.log_evidence + contest.log_odds(c.effects - base) for c in contenders])
+    finite = np.where(np.isfinite(logs), logs, -1e300)
+    weights = np.exp(finite - finite.max())
+    weights /= weights.sum()
+    ranked = [Ranked(next(iter(c.effects - base), "none"), float(p), c.log_evidence, c) for c, p in zip(contenders, weights, strict=True)]
+    return sorted(ranked, key=lambda r: (-r.probability, -r.log_evidence))
+
+
+def select(contest: Contest, most: int, *, known: Known | None = None, progress: Progress = lambda _: None) -> Selection:
+    """Add effects one after the other until "none" is probable.
+
+    After each addition all one-for-one swaps and all pairs of the best eight are tried, then effects that are not needed
+    go. **Arguments:** ``most`` effects at most; ``known``: contenders to start from.
+    """
+    table: Known = dict(known or {})
+    start = settle(contest, [NOTHING], table, _wide(contest, table))
+    contest = with_floor(contest, start.contenders[NOTHING], start.noise)
+    table.update(start.contenders)
+    noise, present, small = start.noise, NOTHING, NOTHING
+    tried: set[Effects] = {NOTHING}
+    while True:
+        progress(f"what is missing beside {', '.join(sorted(present)) or 'the model as declared'}")
+        race = forward(contest, present | small, table, noise)
+        table.update(race.contenders)
+        leader = ranking(contest, race, present | small)
+        none = next(r.probability for r in leader if r.effect == "none")
+        if none >= DETECTED or len(present) >= most:
+            return _told(contest, present, small, table)
+        added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
+        if len(small) < MOST_SMALL and not matters(contest, table[present | small | {added}], added):
+            small |= {added}
+            continue
+        chosen, noise = present | {added}, race.noise
+        if noise.allowance > contest.floor.allowance or len(chosen) > 1:
+            chosen, noise = _refined(contest, chosen, small, race, table)
+        if chosen in tried:
+            return _told(contest, present, small, table)
+        present = chosen
+        tried.add(present)
+
+
+def _wide(contest: Contest, table: Known) -> Noise:
+    """A misfit to begin with: the size of what was measured, or less where the neighbourhood is known."""
+    return Noise((0.1 if table else 1.0) * max(contest.measurement.rms, 1e-9))
+
+
+def forward(contest: Contest, base: Effects, table: Known, noise: Noise) -> Race:
+    """The race of all that may be added to a set."""
+    hypotheses = [base, *(base | {name} for name in contest.candidates if name not in base)]
+    return settle(contest, hypotheses, table, noise)
+
+
+def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, table: Known) -> tuple[Effects, Noise]:
+    """The best of all one-for-one swaps and all pairs of the best eight, less what is not needed."""
+    before = min(race.contenders, key=len)
+    best = [r.effect for r in ranking(contest, race, before) if r.effect != "none"][:PAIRED]
+    pool: list[Effects] = [chosen | small]
+    for gone in chosen:
+        rest = (chosen | small) - {gone}
+        pool += [rest, *(rest | {name} for name in contest.candidates if name not in rest)]
+    pool += [before | set(pair) for pair in itertools.combinations(best, 2)]
+    found = settle(contest, pool, table, race.noise)
+    table.update(found.contenders)
+    winner = found.winner
+    # Backward: what can be left out at no more than the price of a detection goes.
+    while len(winner - small) > 1:
+        without = {name: winner - {name} for name in winner - small}
+        again = settle(contest, [winner, *without.values()], table, found.noise)
+        table.update(again.contenders)
+        gain = {name: again.log_posterior(contest, winner) - again.log_posterior(contest, rest) for name, rest in without.items()}
+        least = min(gain, key=lambda name: gain[name])
+        if gain[least] > math.log((1.0 - DETECTED) / DETECTED):
+            break
+        winner = without[least]
+    return winner - small, found.noise
+
+
+def _told(contest: Contest, present: Effects, small: Effects, table: Known) -> Selection:
+    """The story of a set: its effects in the order in which each next one brings the most, with the race at every step."""
+    order: list[str] = []
+    races: list[Race] = []
+    noise = _wide(contest, table)
+    while True:
+        done = len(order) == len(present)
+        base = frozenset(order) | (small if done else NOTHING)
+        race = forward(contest, base, table, noise)
+        table.update(race.contenders)
+        races.append(race)
+        if done:
+            return Selection(contest, tuple(order), tuple(sorted(small)), tuple(races), table)
+        noise = race.noise
+        order.append(next(r.effect for r in ranking(contest, race, base) if r.effect in present and r.effect not in order))
+
+
+def matters(contest: Contest, contender: Contender, name: str) -> bool:
+    """Whether the prediction without this effect differs by more than the tolerance and 1 % of the rms response."""
+    m = contest.measurement
+    without = np.where(contest.only_of([name]), 0.0, contender.best.point)
+    here, there = predict(contest.space, m.conditions, np.stack([contender.best.point, without]))
+    change = float(np.sqrt(np.mean(np.abs((here - there)[m.present]) ** 2)))
+    return change > max(m.knowledge.tolerance, MATTERS) * m.rms

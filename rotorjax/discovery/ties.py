@@ -1,0 +1,127 @@
+"""What else would do as well: ties between sets of effects, and sets that contain more than is needed."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from rotorjax.discovery.descent import End
+from rotorjax.discovery.noise import Noise
+from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
+from rotorjax.discovery.rivals import TIE
+from rotorjax.discovery.search import Selection
+from rotorjax.model import Effect
+
+SCALES = (1.0 / 3.0, 3.0)
+"""Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
+NEAR = 15.0
+"""Log evidence behind the winner up to which the repetition is worth it."""
+AS_GOOD = 1.0
+"""Cost up to which a larger set is said to fit no better than the one that it contains."""
+TRIED_PAIRS = 5
+"""Best replacements of an effect of which pairs are tried in its place."""
+DETERMINED = 1.5
+"""Curvature in units of the prior's from which the data determine a direction."""
+
+
+class Alternative(NamedTuple):
+    """A set of effects in the place of one in the answer."""
+
+    instead_of: tuple[str, ...]
+    effects: tuple[str, ...]
+    gap: float
+    """Log evidence that it lacks."""
+    contender: Contender
+
+
+class Ties(NamedTuple):
+    """What the data leave open."""
+
+    tied: tuple[Alternative, ...]
+    contains: tuple[Alternative, ...]
+    """Sets that hold what the answer holds, and more that is not needed."""
+    winner: Contender
+
+    def groups(self) -> list[list[list[str]]]:
+        """For every part of the answer that is open: itself, then what ties with it."""
+        groups: dict[tuple[str, ...], list[list[str]]] = {}
+        for other in self.tied:
+            groups.setdefault(other.instead_of, [list(other.instead_of)]).append(list(other.effects))
+        return list(groups.values())
+
+
+def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
+    """Race every alternative to a part of the answer, under the noise that the answer leaves.
+
+    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3. One
+    with more determined parameters that fits no better contains the answer: that is no tie.
+    """
+    answer = selection.present
+    found = race(contest, noise, [answer], selection.known)
+    winner = found[answer]
+    swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
+    found.update(race(contest, noise, itertools.chain(*swaps.values()), {**selection.known, **found}))
+    wider = _wider(contest, selection, swaps, found, catalog)
+    found.update(race(contest, noise, [h for h in wider if h not in found], {**selection.known, **found}))
+    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
+    leads = _leads_elsewhere(contest, noise, winner, others)
+    tied, contains = [], []
+    for other in sorted(others, key=lambda c: -c.log_evidence):
+        gone, instead = answer - other.effects, other.effects - answer
+        gap = winner.log_evidence - other.log_evidence
+        alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other)
+        if gap > 0.0 and _determined(other.best) > _determined(winner.best) and other.best.cost > winner.best.cost - AS_GOOD:
+            contains.append(alternative)
+        elif gap < TIE or other.effects in leads:
+            tied.append(alternative)
+    return Ties(_smallest(tied), tuple(contains), winner)
+
+
+def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:
+    """Pairs in the place of one effect, and one in the place of pairs: chain gain and its parts."""
+    answer, wider = selection.present, []
+    for gone, others in swaps.items():
+        best = sorted(others, key=lambda effects: -found[effects].log_evidence)[:TRIED_PAIRS]
+        names = {next(iter(effects - answer)) for effects in best} | set(catalog[gone].relatives)
+        usable = [name for name in sorted(names) if name in contest.candidates and name not in answer]
+        wider += [answer - {gone} | set(pair) for pair in itertools.combinations(usable, 2)]
+    for gone in itertools.combinations(selection.effects, 2):
+        wider += [answer - set(gone) | {name} for name in contest.candidates if name not in answer]
+    return wider
+
+
+def _smallest(tied: list[Alternative]) -> tuple[Alternative, ...]:
+    """Without sets of which a part ties already."""
+    kept: list[Alternative] = []
+    for other in sorted(tied, key=lambda t: (len(t.effects), t.gap)):
+        if not any(set(o.effects) < set(other.effects) and set(o.instead_of) <= set(other.instead_of) for o in kept):
+            kept.append(other)
+    return tuple(sorted(kept, key=lambda t: t.gap))
+
+
+def _determined(end: End) -> int:
+    """Directions that the data determine beyond the prior."""
+    return int(np.count_nonzero(np.linalg.eigvalsh(end.curvature) > DETERMINED)) if len(end.free) else 0
+
+
+def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
+    """Those of the others that lead the winner under wider or narrower priors."""
+    leads: set[Effects] = set()
+    for factor in SCALES if others else ():
+        changed, known = _rescaled(contest, factor, [winner, *others])
+        again = race(changed, noise, known, known)
+        leads |= {c.effects for c in others if again[c.effects].log_evidence > again[winner.effects].log_evidence}
+    return leads
+
+
+def _rescaled(contest: Contest, factor: float, contenders: list[Contender]) -> tuple[Contest, Known]:
+    """The contest with all prior scales times a factor, what the user declared uncertain excepted."""
+    own = np.array([not e.declared_uncertain for e in contest.space.entries])
+    per_unknown = np.ones(len(own))
+    per_unknown[[e.unknown for e in contest.space.entries if not e.declared_uncertain]] = factor
+    space = dataclasses.replace(contest.space, scale=np.asarray(contest.space.scale) * np.where(own, factor, 1.0))
+    known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / per_unknown) for end in c.ends), -math.inf) for c in contenders}
+    return dataclasses.replace(contest, space=space), known
