@@ -29,8 +29,10 @@ LEG, LEGS = 12, 5
 """Steps that a batch makes together, and how many times those not at their end yet go on, in fuller batches."""
 HOPELESS = 300.0
 """Cost above the best of a call with which a descent does not go on for more than two legs."""
-LEAST_CASES, LEAST_RUNS, LEAST_UNKNOWNS, LEAST_POINTS = 16, 4, 8, 4
-"""Smallest sizes that are compiled; the next are twice, four times, ... as large."""
+KEPT_RIVALS = (3, 2, 1)
+"""Starts of the same fit that go on after the first leg, the second, and all later ones."""
+LEAST_CASES, LEAST_RUNS, LEAST_UNKNOWNS, LEAST_POINTS = 16, 4, 4, 4
+"""Smallest sizes that are compiled: see `size_class`."""
 
 
 class Manner(NamedTuple):
@@ -38,6 +40,8 @@ class Manner(NamedTuple):
 
     tolerance: Tolerance
     batch: int
+    width: int = 0
+    """Least number of free unknowns to make room for, so that small fits run in what is compiled for larger ones."""
 
 
 THOROUGH, QUICK = Manner(FINE, BATCH), Manner(COARSE, 4 * BATCH)
@@ -239,7 +243,7 @@ def descend(
     free = np.broadcast_to(free, starts.shape)
     fixed = np.where(free, 0.0, space.given_unknowns() if kept is None else kept)
     columns = [np.flatnonzero(mask) for mask in free]
-    width = size_class(max((len(c) for c in columns), default=0), LEAST_UNKNOWNS)
+    width = size_class(max((manner.width, *(len(c) for c in columns))), LEAST_UNKNOWNS)
     chosen = np.zeros((*starts.shape, width))
     for k, column in enumerate(columns):
         chosen[k, column, np.arange(len(column))] = 1.0
@@ -251,6 +255,8 @@ def descend(
         moved[:, :cases] = shift
     tasks = _Task(fixed, chosen, counted, moved, _absorbed(filled, counted))
     point, damping, steps = np.einsum("spf,sp->sf", chosen, starts), np.full(len(starts), FIRST_DAMPING), np.zeros(len(starts), int)
+    rivals = np.unique(np.column_stack([np.packbits(free, axis=1), np.packbits(np.asarray(training, bool), axis=1)]), axis=0, return_inverse=True)[1].ravel()
+    rivals = rivals if shift is None else np.arange(len(starts))
     ends: list[End | None] = [None] * len(starts)
     waiting = np.arange(len(starts))
     limits, batch = Tolerance(*(np.asarray(limit) for limit in manner.tolerance)), manner.batch
@@ -262,8 +268,7 @@ def descend(
             for k, task in enumerate(index[: len(waiting) - first]):
                 point[task], damping[task], steps[task] = found.point[k], found.damping[k], steps[task] + found.steps[k]
                 ends[task] = _end(found, k, fixed[task], columns[task], cases, int(steps[task]))
-        hopeless = min(end.cost for end in ends if end is not None) + HOPELESS
-        waiting = np.array([k for k in waiting if (end := ends[k]) is not None and end.result == MAX_STEPS and (leg == 0 or end.cost < hopeless)], int)
+        waiting = _going_on([end for end in ends if end is not None], rivals, leg)
     return [end for end in ends if end is not None]
 
 
@@ -282,6 +287,19 @@ def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np
         root = (directions / np.sqrt(values)[:, None, :]) @ np.swapaxes(directions, 1, 2)
         absorbed[(training == cases).all(axis=1)] = block @ root[np.asarray(data.run)]
     return absorbed
+
+
+def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], leg: int) -> Int[np.ndarray, "start"]:
+    """Descents worth another leg: not at their end, not hopeless, and among the best of those for the same unknowns."""
+    cost = np.array([end.cost for end in ends])
+    waiting = np.array([end.result == MAX_STEPS for end in ends])
+    if leg > 0:
+        waiting &= cost < cost.min() + HOPELESS
+    for rival in np.unique(rivals[waiting]):
+        own = np.flatnonzero(rivals == rival)
+        ranked = own[np.argsort(cost[own], kind="stable")]
+        waiting[ranked[KEPT_RIVALS[min(leg, len(KEPT_RIVALS) - 1)] :]] = False
+    return np.flatnonzero(waiting)
 
 
 def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: int, steps: int) -> End:
@@ -310,9 +328,12 @@ def predict(space: Space, conditions: Conditions, points: Float[np.ndarray, "sta
 
 
 def size_class(count: int, least: int) -> int:
-    """The next of ``least``, twice that, four times that, ..."""
+    """The next of ``least`` times 1, 2, 3, 4, 6, 8, 12, 16, ..."""
     size = least
     while size < count:
+        half = size + size // 2
+        if size > least and count <= half:
+            return half
         size *= 2
     return size
 

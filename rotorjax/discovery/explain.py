@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc
 
 from rotorjax._core import MICROMETRE, numpy_pair, require_float64
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
-from rotorjax.discovery.descent import best_of, descend, half_order_sign, predict
+from rotorjax.discovery.descent import THOROUGH, best_of, descend, half_order_sign, predict
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
@@ -157,16 +158,22 @@ def _answer(
 def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest) -> Verdict:
     m = contest.measurement
     if p is not None:
-        structure = p.value <= UNEXPLAINED
+        structure = p.value <= UNEXPLAINED or p.far
     elif m.sigma is None:
         structure = not selection.effects and last.misfit > LARGE * m.rms
     else:
-        structure = last.misfit > contest.floor.allowance
+        structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
     if structure:
         return "unexplained"
     if not selection.effects:
         return "nothing missing"
     return "undecided" if ties.tied else "explained"
+
+
+def _nominal(last: Fit) -> float:
+    """P-value by the chi-square distribution, where none was drawn."""
+    freedom = np.count_nonzero(last.stage.measurement.weights(0.0)) - int(last.stage.free.sum())
+    return float(chdtrc(freedom, freedom * last.reduced_chi2)) if last.reduced_chi2 is not None else 1.0
 
 
 def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
@@ -194,7 +201,7 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
         data = contest.data(noise, contender.best.point)
         starts = np.stack([end.point for end in contender.ends[:2]])
         every = np.ones((len(starts), len(contest.measurement.run)), bool)
-        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point))
+        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point, manner=contest.manner(THOROUGH)))
         stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
         fits.append(summarise(stage, Round(noise.allowance, data, best, starts, noise.allowance), rms, held.reason, scatter=scatter))

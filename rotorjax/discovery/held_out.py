@@ -1,12 +1,13 @@
 """The error on data held out, with the selection of effects redone on the rest."""
 
+import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from rotorjax.discovery.descent import QUICK, End, best_of, descend, make_folds, residual_vectors
+from rotorjax.discovery.descent import End, best_of, descend, make_folds, residual_vectors
 from rotorjax.discovery.race import Contest, Effects, contender_of
 from rotorjax.discovery.search import DETECTED, NOTHING, Selection
 
@@ -44,7 +45,7 @@ def held_out(contest: Contest, selection: Selection) -> HeldOut:
             squares, cells = squares + float(np.sum(np.abs(residual[counted]) ** 2)), cells + int(counted.sum())
             if not settled[fold]:
                 unknown = selection.races[step].noise.allowance > contest.floor.allowance
-                size = int(np.count_nonzero(np.asarray(data.weight)[~left_out])) if unknown else None
+                size = dataclasses.replace(contest, training=~left_out).independent_numbers() if unknown else None
                 bases[fold], settled[fold] = _next(contest, bases[fold], {e: end for (f, e), end in ends.items() if f == fold}, size)
         errors.append(math.sqrt(squares / cells))
     return HeldOut(tuple(errors), "")
@@ -63,7 +64,7 @@ def _fit_folds(contest: Contest, selection: Selection, step: int, folds: Bool[np
     masks = np.stack([contest.free(effects) for (_, effects), _ in tasks])
     training = np.stack([~folds[fold] for (fold, _), _ in tasks])
     data = contest.data(race.noise, selection.known[selection.present].best.point)
-    ends = descend(contest.space, data, np.stack([p for _, p in tasks]), masks, training, manner=QUICK)
+    ends = descend(contest.space, data, np.stack([p for _, p in tasks]), masks, training, manner=contest.manner())
     found: dict[tuple[int, Effects], list[End]] = {}
     for (key, _), end in zip(tasks, ends, strict=True):
         found.setdefault(key, []).append(end)

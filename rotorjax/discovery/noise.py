@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.optimize import minimize
 
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
 from rotorjax.inverse import fault_sensitivity, installed_faults, polar_covariance
-from rotorjax.measurement import Measurement, is_half_order
+from rotorjax.measurement import Measurement, cluster_speeds, is_half_order
 from rotorjax.model import Model
 
 FEW_RUNS = 4
@@ -22,6 +23,8 @@ NOISE_FLOOR = 1e-6
 """Least inferred standard error, relative to the measured rms: below it, rounding of the table decides."""
 LEAST_NOISE = 1e-12
 """Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
+SAME_SPEED = 0.005
+"""Relative difference up to which readings of different runs are at one speed for influence coefficients."""
 MISFIT_PASSES = 5
 """Passes of the equation for the misfit that scatter between runs leaves."""
 LEAST_GAIN = 2.0
@@ -150,23 +153,13 @@ class _Rows(NamedTuple):
 
 def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case probe order 2 4"], residual: np.ndarray) -> _Rows:
     """Residuals projected, at every speed, probe and order, on what influence coefficients cannot reach."""
-    cluster, speeds = measurement.speed_cluster()
-    conditions = measurement.conditions
-    unbalance = np.asarray(conditions.unbalance) @ np.array([1.0, 1j])
-    bow = np.asarray(conditions.bow) @ np.array([1.0, 1j])
-    installed = np.column_stack([unbalance, bow])
-    installed = installed / np.maximum(np.abs(installed).max(axis=0), 1e-300)
     weight = measurement.weights(0.0)
     errors, enters, variances = [], [], []
-    for speed, (probe, order) in itertools.product(range(len(speeds)), np.ndindex(residual.shape[1:])):
-        n = measurement.orders[order]
-        cases = np.flatnonzero((cluster == speed) & measurement.present[:, probe, order])
-        if is_half_order(n) or n == 0.0 or len(cases) < 2:
-            continue
-        columns = np.column_stack([np.ones(len(cases)), *([installed[cases]] if n == 1.0 else [])])
+    for (cases, probe, order), columns in _influence_blocks(measurement):
         left, size, _ = np.linalg.svd(columns)
         beyond = left[:, int(np.sum(size > 1e-9 * size[0])) :].conj().T
-        if not len(beyond):
+        if not len(beyond) or len(np.unique(measurement.run[cases])) < len(cases):
+            # A run read twice at nearly one speed: near a resonance the speeds' difference would pass for scatter.
             continue
         complex_slopes = slopes[cases, probe, order, 0] + 1j * slopes[cases, probe, order, 1]
         spread = np.zeros((len(cases), len(measurement.runs), 4), complex)
@@ -177,6 +170,28 @@ def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case 
     if not errors:
         return _Rows(np.zeros(0), np.zeros((0, 4)), np.zeros(0))
     return _Rows(np.concatenate(errors), np.concatenate(enters), np.concatenate(variances))
+
+
+def _influence_blocks(measurement: Measurement) -> Iterator[tuple[tuple[np.ndarray, int, int], Complex[np.ndarray, "case column"]]]:
+    """Cases of one speed, with probe and order, and the columns of their influence coefficients; whole orders only."""
+    cluster, speeds = cluster_speeds(measurement.speed_rpm, width=SAME_SPEED)
+    unbalance = np.asarray(measurement.conditions.unbalance) @ np.array([1.0, 1j])
+    bow = np.asarray(measurement.conditions.bow) @ np.array([1.0, 1j])
+    installed = np.column_stack([unbalance, bow])
+    installed = installed / np.maximum(np.abs(installed).max(axis=0), 1e-300)
+    for speed, (probe, order) in itertools.product(range(len(speeds)), np.ndindex(measurement.vectors.shape[1:])):
+        n = measurement.orders[order]
+        cases = np.flatnonzero((cluster == speed) & measurement.present[:, probe, order])
+        if len(cases) and not is_half_order(n) and n != 0.0:
+            yield (cases, probe, order), np.column_stack([np.ones(len(cases)), *([installed[cases]] if n == 1.0 else [])])
+
+
+def independent_numbers(measurement: Measurement) -> int:
+    """Real numbers in which a linear model that acts alike in all runs can be wrong: those of its influence coefficients.
+
+    Where a model misses, the miss repeats itself in run after run: more runs are then no more evidence.
+    """
+    return 2 * sum(int(np.linalg.matrix_rank(columns, tol=1e-9)) for _, columns in _influence_blocks(measurement))
 
 
 def scatter_share(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], scatter: RunScatter) -> float:

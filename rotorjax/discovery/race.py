@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax._core import CONVERGED
-from rotorjax.discovery.descent import QUICK, Data, End, declared_starts, descend, make_data, residual_vectors
-from rotorjax.discovery.noise import NO_NOISE, Noise, misfit_of, run_floor
+from rotorjax.discovery.descent import QUICK, Data, End, Manner, declared_starts, descend, make_data, residual_vectors
+from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
@@ -20,8 +20,8 @@ MOST_STARTS, MOST_PARENTS = 8, 2
 """Starts of one set of effects, and known neighbours whose optima they come from."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
-NOISE_ROUNDS = 8
-"""Most alternations between a race and the noise that its winner leaves."""
+NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
+"""Most alternations between a race and the noise that its leader leaves, and of the leader's fit and its own misfit."""
 NOISE_CHANGE = 0.05
 """Relative change of the noise below which it stands."""
 NONE_ODDS = 0.5
@@ -72,6 +72,11 @@ class Contest:
         """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""
         return self.space.free(list(effects))
 
+    def manner(self, manner: Manner = QUICK) -> Manner:
+        """How to descend: with room for the largest single effect, whatever is fitted."""
+        widest = max((int(self.free(frozenset([name])).sum()) for name in self.candidates), default=0)
+        return Manner(manner.tolerance, QUICK.batch, widest)
+
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
         """Unknowns of these effects alone."""
         mask = np.zeros(len(self.space.entries), bool)
@@ -91,6 +96,11 @@ class Contest:
     def left(self, end: End, data: Data) -> Complex[np.ndarray, "case probe order"]:
         """Model minus measured on the cases that count, zero elsewhere [m]."""
         return residual_vectors(end.local.error, data) * self.training[:, None, None]
+
+    def independent_numbers(self) -> int:
+        """Number of data where the model misses: see `noise.independent_numbers`."""
+        kept = self.kept_measurement()
+        return max(1, min(independent_numbers(kept) or 1, int(np.count_nonzero(kept.weights(1.0)))))
 
     def kept_measurement(self) -> Measurement:
         """The measurement with the cases that do not count marked absent."""
@@ -133,11 +143,11 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
             masks.append(mask)
             owner.append(effects)
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, np.stack(starts), np.stack(masks), training, manner=QUICK)
+    ends = descend(contest.space, data, np.stack(starts), np.stack(masks), training, manner=contest.manner())
     found: dict[Effects, list[End]] = {effects: [] for effects in wanted}
     for effects, end in zip(owner, ends, strict=True):
         found[effects].append(end)
-    size = int(np.count_nonzero(data.weight[contest.training])) if noise.allowance > contest.floor.allowance else None
+    size = contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
     return {effects: contender_of(effects, group, size) for effects, group in found.items()}
 
 
@@ -163,8 +173,8 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) 
 def contender_of(effects: Effects, ends: list[End], unknown_noise: int | None) -> Contender:
     """Distinct optima, and the evidence summed over them.
 
-    Laplace: -cost - ½ log det H, H in units of the priors. ``unknown_noise``: number of data where the noise level is
-    itself uncertain; it is then marginalised (Jeffreys prior), -(n/2) log(2 cost / n).
+    Laplace: -cost - ½ log det H, H in units of the priors. ``unknown_noise``: number n of independent data where
+    the noise is a misfit of unknown size; it is then marginalised (Jeffreys prior), -(n/2) log(2 cost / n).
     """
     distinct: list[End] = []
     for end in sorted(ends, key=lambda end: end.cost):
@@ -205,15 +215,33 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
     found = {**known, **race(contest, noise, wanted, known)}
     for _ in range(NOISE_ROUNDS):
-        winner = max((found[effects] for effects in wanted), key=lambda c: c.log_evidence + contest.log_odds(c.effects))
-        after = noise._replace(allowance=misfit_left(contest, winner, noise))
-        if abs(after.allowance - noise.allowance) <= NOISE_CHANGE * max(after.allowance, noise.allowance):
+        leader = _leader(contest, found, wanted)
+        quiet, found[leader] = _settled(contest, found[leader], noise)
+        if _same(quiet, noise):
             break
-        noise = after
+        noise = quiet
         found.update(race(contest, noise, wanted, found))
     contenders = {effects: found[effects] for effects in wanted}
-    best = max(wanted, key=lambda effects: contenders[effects].log_evidence + contest.log_odds(effects))
-    return Race(noise, contenders, best)
+    return Race(noise, contenders, _leader(contest, contenders, wanted))
+
+
+def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
+    return max(wanted, key=lambda effects: found[effects].log_evidence + contest.log_odds(effects))
+
+
+def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:
+    """The misfit that one contender leaves when it is fitted under just that misfit, and the contender there."""
+    for _ in range(ALONE_ROUNDS):
+        after = noise._replace(allowance=misfit_left(contest, contender, noise))
+        if _same(after, noise):
+            break
+        noise = after
+        contender = race(contest, noise, [contender.effects], {contender.effects: contender})[contender.effects]
+    return noise, contender
+
+
+def _same(one: Noise, other: Noise) -> bool:
+    return abs(one.allowance - other.allowance) <= NOISE_CHANGE * max(one.allowance, other.allowance)
 
 
 def misfit_left(contest: Contest, contender: Contender, under: Noise) -> float:

@@ -75,14 +75,15 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
     table.update(start.contenders)
     noise, present, small = start.noise, NOTHING, NOTHING
     tried: set[Effects] = {NOTHING}
+    seen: dict[Effects, Race] = {}
     while True:
         progress(f"what is missing beside {', '.join(sorted(present)) or 'the model as declared'}")
-        race = forward(contest, present | small, table, noise)
+        race = seen[present | small] = forward(contest, present | small, table, noise)
         table.update(race.contenders)
         leader = ranking(contest, race, present | small)
         none = next(r.probability for r in leader if r.effect == "none")
         if none >= DETECTED or len(present) >= most:
-            return _told(contest, present, small, table)
+            return _told(contest, present, small, table, seen)
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
         if len(small) < MOST_SMALL and not matters(contest, table[present | small | {added}], added):
             small |= {added}
@@ -91,9 +92,10 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
         if noise.allowance > contest.floor.allowance or len(chosen) > 1:
             chosen, noise = _refined(contest, chosen, small, race, table)
         if chosen in tried:
-            return _told(contest, present, small, table)
+            return _told(contest, present, small, table, seen)
         present = chosen
         tried.add(present)
+        contest = with_floor(contest, table[present | small], noise)
 
 
 def _wide(contest: Contest, table: Known) -> Noise:
@@ -132,7 +134,7 @@ def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, tabl
     return winner - small, found.noise
 
 
-def _told(contest: Contest, present: Effects, small: Effects, table: Known) -> Selection:
+def _told(contest: Contest, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race]) -> Selection:
     """The story of a set: its effects in the order in which each next one brings the most, with the race at every step."""
     order: list[str] = []
     races: list[Race] = []
@@ -140,7 +142,7 @@ def _told(contest: Contest, present: Effects, small: Effects, table: Known) -> S
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
-        race = forward(contest, base, table, noise)
+        race = seen[base] if base in seen else forward(contest, base, table, noise)
         table.update(race.contenders)
         races.append(race)
         if done:

@@ -74,7 +74,8 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         gap = winner.log_evidence - other.log_evidence
         alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other)
         if gap > 0.0 and _determined(other.best) > _determined(winner.best) and other.best.cost > winner.best.cost - AS_GOOD:
-            contains.append(alternative)
+            if len(instead) <= len(gone):
+                contains.append(alternative)
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
     return Ties(_smallest(tied), tuple(contains), winner)

@@ -119,6 +119,7 @@ class SpeedError(SpeedEffect):
     source: ClassVar[str] = "ISO 10817-1:1998, clause 5: rotational speed measurement"
     relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "mass_error")
     error: Array = parameter("relative error of the speed", scale=0.01)
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"error": 1.0}, {"error": -1.0})
 
     def added_speed(self, speed: Array) -> Array:
         return self.error * speed

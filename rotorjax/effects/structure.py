@@ -12,6 +12,11 @@ FOUNDATION_DAMPING_RATIO = 0.05
 """Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al., Rotordynamik, 2006)."""
 
 
+def either_side(name: str) -> tuple[dict[str, float], ...]:
+    """Starts at the null and a prior scale to either side: near a resonance the way from the null may be barred."""
+    return ({}, {name: 1.0}, {name: -1.0})
+
+
 class StiffnessError(MatrixEffect):
     """k_i -> k_i (1 + e_i); C and M stay."""
 
@@ -36,6 +41,7 @@ class MassError(MatrixEffect):
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.2"
     relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "gyroscopic", "speed_error")
     error: Array = parameter("relative error", scale=0.05)
+    starts: ClassVar[tuple[dict[str, float], ...]] = either_side("error")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(mass=self.error * point.rotor.mass * jnp.eye(2))
@@ -81,6 +87,7 @@ class CrossCoupling(MatrixEffect):
     source: ClassVar[str] = "Alford, J. Eng. Power 87 (1965) 333-334; Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 1"
     relatives: ClassVar[tuple[str, ...]] = ("damping_error", "internal_damping")
     cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
+    starts: ClassVar[tuple[dict[str, float], ...]] = either_side("cross_stiffness_n_per_m")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(stiffness=self.cross_stiffness_n_per_m * point.whirl)
@@ -111,6 +118,7 @@ class InternalDamping(MatrixEffect):
     source: ClassVar[str] = "Kimball, Gen. Electr. Rev. 27 (1924) 244-251; Genta, Dynamics of Rotating Systems, 2005, section 2.5"
     relatives: ClassVar[tuple[str, ...]] = ("cross_coupling", "damping_error")
     damping_n_s_per_m: Array = parameter("rotating damping c_r", scale=1.0, of="damping")
+    starts: ClassVar[tuple[dict[str, float], ...]] = either_side("damping_n_s_per_m")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         turning = point.speed * self.damping_n_s_per_m * point.whirl
@@ -126,6 +134,7 @@ class Gyroscopic(MatrixEffect):
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.6"
     relatives: ClassVar[tuple[str, ...]] = ("mass_error", "speed_dependent_stiffness")
     inertia_ratio_kg: Array = parameter("polar moment of inertia times (slope / deflection)²", scale=0.05, of="mass")
+    starts: ClassVar[tuple[dict[str, float], ...]] = either_side("inertia_ratio_kg")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(damping=point.speed * self.inertia_ratio_kg * point.whirl)
