@@ -19,7 +19,7 @@ $(VENV)/.tested: $(VENV)/.installed
 	touch $@
 
 run: $(VENV)/.installed
-	$(BIN)/python experiments/rk4.py --output $(OUTPUT)
+	$(BIN)/python experiments/stories.py --output $(OUTPUT)
 
 test: $(VENV)/.tested
 	$(BIN)/python -m pytest

@@ -32,7 +32,7 @@ def sentence(found: Explanation) -> str:
     parts = {
         "nothing missing": ["Nothing is missing that these data could show.", first],
         "explained": [f"Missing: {listed(found.effects)}.", first, _fall(found)],
-        "undecided": [f"Undecided: {listed(found.effects)}, but other effects do as well.", first, _fall(found)],
+        "undecided": [f"Undecided: {listed(found.effects)}, but others do as well.", first, _fall(found)],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
     return " ".join([*(part for part in parts if part), *_ties(found), _left(found)])
@@ -41,7 +41,8 @@ def sentence(found: Explanation) -> str:
 def _unexplained(found: Explanation) -> str:
     if not found.effects:
         return "Unexplained: no effect of the catalogue accounts for what the model misses."
-    return f"Unexplained: {listed(found.effects)} account for part of it, and no further effect of the catalogue for the rest."
+    accounts = "accounts" if len(found.effects) == 1 else "account"
+    return f"Unexplained: {listed(found.effects)} {accounts} for part of what the model misses, and no further effect of the catalogue for the rest."
 
 
 def _fall(found: Explanation) -> str:

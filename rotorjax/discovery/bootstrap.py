@@ -8,7 +8,7 @@ from rotorjax.discovery.descent import QUICK, End, best_of, declared_starts, des
 from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest
 
-MOST_DRAWS = 199
+FEWEST_DRAWS, MOST_DRAWS = 39, 199
 ENOUGH_EXCEED = 5
 """Draws that leave more than the data after which the p-value is large enough (Besag, Clifford 1991, Biometrika 78:301-304)."""
 NONE_EXCEED = 99
@@ -57,7 +57,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
     while len(costs) < MOST_DRAWS:
         exceed, spread = sum(cost >= own.cost for cost in costs), float(np.std(costs)) if costs else 0.0
         far = len(costs) >= FAR_DRAWS and own.cost > np.mean(costs) + FAR * spread
-        if exceed >= ENOUGH_EXCEED or far or (len(costs) >= NONE_EXCEED and exceed == 0):
+        if (exceed >= ENOUGH_EXCEED and len(costs) >= FEWEST_DRAWS) or far or (len(costs) >= NONE_EXCEED and exceed == 0):
             break
         noises = rng.standard_normal((per_call, *weight.shape)) * (weight > 0.0)
         if data.scatter.shape[-1]:

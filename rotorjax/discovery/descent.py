@@ -22,7 +22,7 @@ from rotorjax.response import vectors
 from rotorjax.space import Space
 
 MAX_STARTS = 32
-MAX_FOLDS = 5
+MAX_FOLDS, LEAST_RUN_FOLDS = 5, 4
 BATCH = 6
 """Descents run together: more make the fast ones wait for the slowest, fewer waste the vector units."""
 LEG, LEGS = 12, 5
@@ -116,7 +116,7 @@ def make_folds(measurement: Measurement, information: Float[np.ndarray, "case pa
     """
     cluster, speeds = measurement.speed_cluster()
     whole = _rank(np.sum(information, axis=0))
-    for label, count, least in ((measurement.run, len(measurement.runs), MAX_FOLDS), (cluster, len(speeds), 3)):
+    for label, count, least in ((measurement.run, len(measurement.runs), LEAST_RUN_FOLDS), (cluster, len(speeds), 3)):
         if count >= least:
             fold = label % min(MAX_FOLDS, count)
             folds = np.stack([fold == k for k in range(min(MAX_FOLDS, count))])
@@ -124,7 +124,7 @@ def make_folds(measurement: Measurement, information: Float[np.ndarray, "case pa
                 return folds, ""
     runs = "1 run" if len(measurement.runs) == 1 else f"{len(measurement.runs)} runs"
     at = "1 speed" if len(speeds) == 1 else f"{len(speeds)} speeds"
-    reason = f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take five runs or three speeds that each show all"
+    reason = f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take four runs or three speeds that each show all"
     return np.zeros((0, len(measurement.run)), bool), reason
 
 

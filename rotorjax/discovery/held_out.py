@@ -36,6 +36,8 @@ def held_out(contest: Contest, selection: Selection) -> HeldOut:
     settled = [False] * len(folds)
     errors = []
     for step in range(len(selection.races)):
+        if step == len(selection.races) - 1:
+            bases = [base | frozenset(selection.small) for base in bases]
         ends = _fit_folds(contest, selection, step, folds, bases)
         data = contest.data(selection.races[step].noise, final.point)
         squares, cells = 0.0, 0

@@ -87,6 +87,7 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
         if len(small) < MOST_SMALL and not matters(contest, table[present | small | {added}], added):
             small |= {added}
+            present, noise = _pruned(contest, present, small, table, race.noise)
             continue
         chosen, noise = present | {added}, race.noise
         if noise.allowance > contest.floor.allowance or len(chosen) > 1:
@@ -120,18 +121,23 @@ def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, tabl
     pool += [before | set(pair) for pair in itertools.combinations(best, 2)]
     found = settle(contest, pool, table, race.noise)
     table.update(found.contenders)
-    winner = found.winner
-    # Backward: what can be left out at no more than the price of a detection goes.
-    while len(winner - small) > 1:
+    return _pruned(contest, found.winner, small, table, found.noise)
+
+
+def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, noise: Noise) -> tuple[Effects, Noise]:
+    """Less, one after the other, what can be left out at no more than the price of a detection; without the small ones."""
+    winner = present | small
+    while winner - small:
         without = {name: winner - {name} for name in winner - small}
-        again = settle(contest, [winner, *without.values()], table, found.noise)
+        again = settle(contest, [winner, *without.values()], table, noise)
         table.update(again.contenders)
+        noise = again.noise
         gain = {name: again.log_posterior(contest, winner) - again.log_posterior(contest, rest) for name, rest in without.items()}
         least = min(gain, key=lambda name: gain[name])
         if gain[least] > math.log((1.0 - DETECTED) / DETECTED):
             break
         winner = without[least]
-    return winner - small, found.noise
+    return winner - small, noise
 
 
 def _told(contest: Contest, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race]) -> Selection:
