@@ -97,7 +97,8 @@ def main() -> None:
         paper(data, arguments.output)
     if arguments.picture:
         headline_figure(rk4.story).savefig(arguments.picture, dpi=110)
-    print(f"\nDone in {time.perf_counter() - begin:.0f} s. Open {arguments.output / 'rk4.html'} and its neighbours in a browser; the numbers are in the .json files.")
+    seconds = time.perf_counter() - begin
+    print(f"\nDone in {seconds:.0f} s. Open {arguments.output / 'rk4.html'} and its neighbours in a browser; the .json files hold the numbers.")
 
 
 if __name__ == "__main__":

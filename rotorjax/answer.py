@@ -13,6 +13,8 @@ from rotorjax.tables import Table, number
 
 SHOWN = 6
 """Effects shown in a ranking."""
+SLIGHT = 0.05
+"""Share of what was measured below which an unexplained rest may be a question of the declared noise."""
 MOST_CONTAINS = 3
 """Larger sets named as containing the answer."""
 
@@ -39,6 +41,8 @@ def sentence(found: Explanation) -> str:
 
 
 def _unexplained(found: Explanation) -> str:
+    if found.contest.measurement.rms == 0.0:
+        return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
     if not found.effects:
         return "Unexplained: no effect of the catalogue accounts for what the model misses."
     accounts = "accounts" if len(found.effects) == 1 else "account"
@@ -66,14 +70,14 @@ def _left(found: Explanation) -> str:
 
 
 def _ties(found: Explanation) -> list[str]:
-    return [f"These data cannot tell {listed(t.instead_of)} from {listed(t.effects)}." for t in found.ties.tied if t.instead_of and t.effects]
+    groups = [(names[0], [listed(other) if other else "nothing" for other in names[1:]]) for names in found.ties.groups()]
+    return [f"These data cannot tell {listed(own) if own else 'nothing'} from {', or from '.join(others)}." for own, others in groups]
 
 
 def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     lines = []
-    for group in found.ties.groups():
-        lines.append("Tie: " + ", or ".join(listed(names) if names else "nothing in its place" for names in group) + ".")
+    lines += _same_bow(found)
     lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
     if found.next_measurement is not None:
         n = found.next_measurement
@@ -86,8 +90,27 @@ def notes(found: Explanation) -> list[str]:
         if found.story.model.slow_roll is not None:
             advice = "; vectors without the slow-roll subtraction would tell a bow from an unbalance"
         lines.append(f"No reading of these runs within the limits would settle the tie{advice}.")
+    share = found.story.last.rms / found.contest.measurement.rms if found.contest.measurement.rms > 0.0 else 1.0
+    if found.verdict == "unexplained" and share < SLIGHT:
+        lines.append(
+            f"What is left is only {number(100.0 * share, 2)} % of what was measured: if sigma_um is too small, or the model's form need not be better "
+            "than that ([model] tolerance), it is explained."
+        )
     lines += [f"Detected, but too small to matter: {small.effect} ({small.why})." for small in found.detected_but_small]
     return lines + findings(found.story)
+
+
+def _same_bow(found: Explanation) -> list[str]:
+    """Why a bow ties with a gain where every run carries the same installed bow."""
+    open_names = {name for group in found.ties.groups() for names in group for name in names}
+    ratios = found.bow_over_unbalance() if {"residual_bow", "chain_gain"} <= open_names else {}
+    if not ratios:
+        return []
+    listed_ratios = listed([f"{number(ratio, 2)} times at {speed:.0f} rpm" for speed, ratio in ratios.items()])
+    return [
+        f"Every run carries the same installed bow, whose response is {listed_ratios} that of the installed unbalance: an inherent bow and a gain "
+        "and phase of the chain change all vectors alike, and neither pins the unbalance."
+    ]
 
 
 def _contains(other: Alternative) -> str:
@@ -100,9 +123,17 @@ def ranking_tables(found: Explanation) -> list[Table]:
     for step, ranked in enumerate(found.rankings):
         beside = f"beside {listed(found.effects[:step])}" if step else "in the model as declared"
         rows = [[r.effect, _probability(r.probability), number(r.log_evidence, 5), _rms(found, r)] for r in _shown(ranked)]
-        note = "" if step < len(found.effects) else f'Nothing is added while "none" has a probability of {100.0 * DETECTED:g} % or more.'
+        note = "" if step < len(found.effects) else _why_stopped(found, ranked)
         tables.append(Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note))
     return tables
+
+
+def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
+    if next(r.probability for r in ranked if r.effect == "none") >= DETECTED:
+        return f'Nothing is added while "none" has a probability of {100.0 * DETECTED:g} % or more.'
+    if len(found.effects) >= found.max_effects:
+        return f"No more than {found.max_effects} effects were to be added."
+    return "None of these is detected by itself: nothing is added."
 
 
 def _shown(ranked: tuple[Ranked, ...]) -> list[Ranked]:

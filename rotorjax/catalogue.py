@@ -47,6 +47,7 @@ def effect_page(cls: type[Effect]) -> str:
     parts = [f"{cls.name} ({cls.family}): {cls.meaning}", inspect.cleandoc(cls.__doc__ or ""), table.text()]
     if cls.relatives:
         parts.append(f"Known relatives, hard to tell from it: {', '.join(cls.relatives)}")
+    parts.append(f"Enough to find it, or what it ties with: {cls.sufficient}")
     parts.append(f"Source: {cls.source}")
     return "\n\n".join("\n".join(textwrap.wrap(part, WIDTH)) if "\n" not in part else part for part in parts)
 

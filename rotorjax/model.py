@@ -163,6 +163,23 @@ class OperatingPoint(NamedTuple):
         return jnp.where(jnp.abs(self.order - order) < 1e-9, 1.0, 0.0)
 
 
+class Plan(NamedTuple):
+    """A measurement that is enough to find an effect of one prior scale."""
+
+    runs: int = 2
+    """A baseline, then trial weights of five times the balance grade's unbalance, each in another direction (and in the next plane)."""
+    speeds: tuple[float, ...] = (0.7, 0.9, 1.1, 1.4)
+    """Times the mean natural frequency."""
+    orders: tuple[float, ...] = (1.0,)
+    planes: int = 1
+
+    def __str__(self) -> str:
+        runs = "a baseline" if self.runs == 1 else f"a baseline and {'a trial weight' if self.runs == 2 else f'{self.runs - 1} trial weights'}"
+        where = ", weights in two planes" if self.planes > 1 else ""
+        speeds = ", ".join(f"{speed:g}" for speed in self.speeds)
+        return f"{runs}{where}; two probes; {', '.join(f'{n:g}X' for n in self.orders)} at {speeds} times the natural frequency"
+
+
 class Effect(eqx.Module):
     """One physical effect, local to a station, written for one case at one speed; ``vmap`` is the caller's business.
 
@@ -178,6 +195,8 @@ class Effect(eqx.Module):
     """Where the equation is from."""
     starts: ClassVar[tuple[dict[str, float], ...]] = ({},)
     """Starting points of a fit, in prior scales; a parameter that is not named starts at its null."""
+    sufficient: ClassVar[Plan] = Plan()
+    """A measurement that is enough to find it, or what it ties with."""
     relatives: ClassVar[tuple[str, ...]] = ()
     """Effects whose signature is known to resemble this one's: a fit checks whether they would have done as well."""
 

@@ -9,9 +9,9 @@ command reads: only `experiments/stories.py` opens it, after the tool has answer
 import argparse
 from pathlib import Path
 
+import hidden
 import numpy as np
 
-import hidden
 from rotorjax import Jeffcott
 from rotorjax.effects import CATALOG
 

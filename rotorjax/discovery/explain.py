@@ -7,10 +7,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from rotorjax._core import MICROMETRE, numpy_pair, require_float64
+from rotorjax._core import MICROMETRE, Tolerance, numpy_pair, require_float64
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
-from rotorjax.discovery.descent import THOROUGH, best_of, descend, half_order_sign, predict
+from rotorjax.discovery.descent import QUICK, best_of, descend, half_order_sign, predict
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
@@ -21,6 +21,7 @@ from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, sele
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
+from rotorjax.inverse import fault_sensitivity, installed_faults
 from rotorjax.measurement import Measurement, is_half_order
 from rotorjax.model import AbstractRotor, Effect, Model
 
@@ -28,6 +29,9 @@ UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
 LARGE = 0.1
 """Share of the measured size above which a residual of unknown noise is not put down to noise."""
+
+POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
+"""How estimates are made: a thousandth of a log unit is a twentieth of a standard error."""
 
 Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
 
@@ -57,6 +61,7 @@ class Explanation:
     noise: Noise
     """What the answer leaves beside the table's noise."""
     contest: Contest
+    max_effects: int
 
     @property
     def model(self) -> Model:
@@ -67,6 +72,22 @@ class Explanation:
     def tie(self) -> float:
         """Log evidence by which explanations must differ to be told apart."""
         return TIE
+
+    def bow_over_unbalance(self) -> dict[float, float]:
+        """Speed [rpm] -> response to the installed bow over that to the installed unbalance; empty unless all runs carry the same bow."""
+        m = self.contest.measurement
+        bow = np.asarray(m.conditions.bow)
+        if 1.0 not in m.orders or not np.any(bow) or not np.allclose(bow, bow[0]):
+            return {}
+        slopes = fault_sensitivity(self.story.model.with_orders(m.orders), m.conditions)[:, :, m.orders.index(1.0)]
+        installed = installed_faults(self.story.model, m)[m.run]
+        parts = [np.linalg.norm(np.einsum("cpkd,cd->cpk", slopes[..., s], installed[:, s]), axis=(1, 2)) for s in (slice(0, 2), slice(2, 4))]
+        cluster, speeds = m.speed_cluster()
+        return {
+            float(speed): float(np.median(parts[1][cluster == k]) / np.median(parts[0][cluster == k]))
+            for k, speed in enumerate(speeds)
+            if np.median(parts[0][cluster == k]) > 0.0
+        }
 
     def chi2(self, ranked: Ranked) -> float | None:
         """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they are unknown."""
@@ -110,7 +131,8 @@ def explain(
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join(catalog)}")
     if full.layout.probes != measurement.probes:
         raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
-    candidates = [name for name in chosen if name not in set(exclude)]
+    # Where nothing was measured, a gain of zero would explain it all.
+    candidates = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = without_orders(measurement, undriven)
     contest = make_contest(full, kept, candidates, catalog)
@@ -138,20 +160,18 @@ def _answer(
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
-    rankings = []
-    for step in selection.races:
-        rankings.append(tuple(ranking(contest, step, min(step.contenders, key=len))))
     return Explanation(
-        _verdict(selection, ties, p, fits[-1], contest),
-        selection.effects,
-        story,
-        tuple(rankings),
-        ties,
-        _small(contest, selection),
-        proposal,
-        p,
-        noise,
-        contest,
+        verdict=_verdict(selection, ties, p, fits[-1], contest),
+        effects=selection.effects,
+        story=story,
+        rankings=tuple(tuple(ranking(contest, step, min(step.contenders, key=len))) for step in selection.races),
+        ties=ties,
+        detected_but_small=_small(contest, selection),
+        next_measurement=proposal,
+        p_value=p,
+        noise=noise,
+        contest=contest,
+        max_effects=selection.most,
     )
 
 
@@ -201,7 +221,7 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
         data = contest.data(noise, contender.best.point)
         starts = np.stack([end.point for end in contender.ends[:2]])
         every = np.ones((len(starts), len(contest.measurement.run)), bool)
-        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point, manner=contest.manner(THOROUGH)))
+        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point, manner=contest.manner(POLISHED)))
         stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
         fits.append(summarise(stage, Round(noise.allowance, data, best, starts, noise.allowance), rms, held.reason, scatter=scatter))

@@ -221,6 +221,12 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
             break
         noise = quiet
         found.update(race(contest, noise, wanted, found))
+    if noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None and _leader(contest, found, wanted) == min(wanted, key=len):
+        # A set that holds within the known noise explains more than the smallest one that needs a misfit of its own size.
+        known_noise = {**found, **race(contest, contest.floor, wanted, found)}
+        leader = _leader(contest, known_noise, wanted)
+        if misfit_left(contest, known_noise[leader], contest.floor) == contest.floor.allowance:
+            noise, found = contest.floor, known_noise
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))
 

@@ -42,6 +42,8 @@ class Selection(NamedTuple):
     """Detected, and they matter; in the order added."""
     small: tuple[str, ...]
     """Detected, but they change the prediction too little to matter."""
+    most: int
+    """How many effects were to be added at most."""
     races: tuple[Race, ...]
     """From each of the nested sets of ``effects`` on, the empty one first: what a further effect would bring."""
     known: Known
@@ -83,7 +85,7 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
         leader = ranking(contest, race, present | small)
         none = next(r.probability for r in leader if r.effect == "none")
         if none >= DETECTED or len(present) >= most:
-            return _told(contest, present, small, table, seen)
+            return _told(contest, most, present, small, table, seen)
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
         if len(small) < MOST_SMALL and not matters(contest, table[present | small | {added}], added):
             small |= {added}
@@ -93,7 +95,7 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
         if noise.allowance > contest.floor.allowance or len(chosen) > 1:
             chosen, noise = _refined(contest, chosen, small, race, table)
         if chosen in tried:
-            return _told(contest, present, small, table, seen)
+            return _told(contest, most, present, small, table, seen)
         present = chosen
         tried.add(present)
         contest = with_floor(contest, table[present | small], noise)
@@ -140,7 +142,7 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
     return winner - small, noise
 
 
-def _told(contest: Contest, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race]) -> Selection:
+def _told(contest: Contest, most: int, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race]) -> Selection:
     """The story of a set: its effects in the order in which each next one brings the most, with the race at every step."""
     order: list[str] = []
     races: list[Race] = []
@@ -152,7 +154,7 @@ def _told(contest: Contest, present: Effects, small: Effects, table: Known, seen
         table.update(race.contenders)
         races.append(race)
         if done:
-            return Selection(contest, tuple(order), tuple(sorted(small)), tuple(races), table)
+            return Selection(contest, tuple(order), tuple(sorted(small)), most, tuple(races), table)
         noise = race.noise
         order.append(next(r.effect for r in ranking(contest, race, base) if r.effect in present and r.effect not in order))
 

@@ -78,7 +78,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
-    return Ties(_smallest(tied), tuple(contains), winner)
+    return Ties(_simplest(tied), tuple(contains), winner)
 
 
 def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:
@@ -94,13 +94,13 @@ def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects
     return wider
 
 
-def _smallest(tied: list[Alternative]) -> tuple[Alternative, ...]:
-    """Without sets of which a part ties already."""
-    kept: list[Alternative] = []
-    for other in sorted(tied, key=lambda t: (len(t.effects), t.gap)):
-        if not any(set(o.effects) < set(other.effects) and set(o.instead_of) <= set(other.instead_of) for o in kept):
-            kept.append(other)
-    return tuple(sorted(kept, key=lambda t: t.gap))
+def _simplest(tied: list[Alternative]) -> tuple[Alternative, ...]:
+    """The nearest first; larger sets in the place of a part only where no set of its size ties with it."""
+    ranked = sorted(tied, key=lambda t: (len(t.effects) - len(t.instead_of), t.gap))
+    excess: dict[tuple[str, ...], int] = {}
+    for other in ranked:
+        excess.setdefault(other.instead_of, len(other.effects) - len(other.instead_of))
+    return tuple(other for other in ranked if len(other.effects) - len(other.instead_of) == excess[other.instead_of])
 
 
 def _determined(end: End) -> int:

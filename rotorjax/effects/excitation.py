@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model import Excitation, ExcitationEffect, Family, OperatingPoint, parameter
+from rotorjax.model import Excitation, ExcitationEffect, Family, OperatingPoint, Plan, parameter
 
 
 class ResidualUnbalance(ExcitationEffect):
@@ -61,6 +61,7 @@ class Misalignment(ExcitationEffect):
     """F_1 += (P_x + iP_y) f, constant with speed; F_2 += two free complex forces along x and y."""
 
     name: ClassVar[str] = "misalignment"
+    sufficient: ClassVar[Plan] = Plan(orders=(1.0, 2.0))
     family: ClassVar[Family] = "excitation"
     meaning: ClassVar[str] = "coupling forces of misaligned shafts, once and twice per turn"
     source: ClassVar[str] = "Gibbons, 5th Turbomachinery Symp. (1976) 111-116; Sekhar, Prabhu, J. Sound Vib. 185 (1995) 655-671"
@@ -83,6 +84,7 @@ class PlaneParticipation(ExcitationEffect):
     """Unbalance installed in plane p counts (1 + g_p) times: mode shape, or its axial position, off."""
 
     name: ClassVar[str] = "plane_participation"
+    sufficient: ClassVar[Plan] = Plan(planes=2)
     family: ClassVar[Family] = "excitation"
     meaning: ClassVar[str] = "a balancing plane drives the mode more or less than the rig file says"
     source: ClassVar[str] = "Bishop, Gladwell, J. Mech. Eng. Sci. 1 (1959) 66-77"
