@@ -86,3 +86,32 @@ def measure(machine: Machine, plan: Plan, hidden: dict[str, list[float]], rng: n
             vectors.append(rotor.vectors(true, plan.orders))
     clean = np.array(vectors)
     return clean + plan.sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
+
+
+def sufficient(cls, *, seed: int, factor: float = 1.0, machine: Machine = Machine(), hidden: bool = True):
+    """A nominal model, and a measurement by the plan that the catalogue calls sufficient, with an effect of one prior scale hidden."""
+    from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model
+
+    rng = np.random.default_rng(seed)
+    plan = cls.sufficient
+    layout = Layout(planes=tuple(f"disk{k + 1}" for k in range(plan.planes)), orders=plan.orders)
+    model = Model(Jeffcott(machine.mass, list(machine.stiffness), list(machine.ratio)), participation=np.ones(plan.planes), layout=layout)
+    grade = model.rotor.quantities()["unbalance"]
+    weights = {}
+    for run, weight in enumerate(grade * np.array([1.0, 5.0, 5.0, 5.0])[: plan.runs] * np.exp(2.1j * np.arange(plan.runs))):
+        weights[f"run{run}"] = [complex(weight) if plane == run % plan.planes else 0j for plane in range(plan.planes)]
+    values: list[float] = []
+    for p in cls.parameters():
+        count = len(p.labels(layout))
+        values += (p.prior_scale(model.rotor) * factor * rng.choice([-1.0, 1.0], count)).tolist()
+    if cls.name == "foundation":
+        values[0] = abs(values[0])
+    speeds = tuple(s * machine.frequency for s in plan.speeds)
+    done = Plan(weights, speeds, tuple(int(n) for n in plan.orders))
+    z = measure(machine, done, {cls.name: values} if hidden else {}, rng)
+    run = np.repeat(np.arange(plan.runs), len(speeds))
+    installed = np.array([[[w.real, w.imag] for w in planes] for planes in weights.values()])[run]
+    conditions = Conditions.at(np.tile(speeds, plan.runs), unbalance=installed)
+    present = np.ones(z.shape, bool)
+    measurement = Measurement(tuple(weights), ("X", "Y"), plan.orders, run, ("",) * len(run), conditions, z, present, np.full(z.shape, done.sigma), "given")
+    return model, measurement, values

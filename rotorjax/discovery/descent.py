@@ -289,7 +289,7 @@ def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np
     return absorbed
 
 
-def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], leg: int) -> Int[np.ndarray, "start"]:
+def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], leg: int) -> np.ndarray:
     """Descents worth another leg: not at their end, not hopeless, and among the best of those for the same unknowns."""
     cost = np.array([end.cost for end in ends])
     waiting = np.array([end.result == MAX_STEPS for end in ends])

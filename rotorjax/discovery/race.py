@@ -66,7 +66,7 @@ class Contest:
 
     def log_odds(self, effects: Iterable[str]) -> float:
         """Logarithm of the prior odds of a set against the empty one."""
-        return sum(math.log(self.odds[name]) for name in effects)
+        return math.fsum(math.log(self.odds[name]) for name in effects)
 
     def free(self, effects: Effects) -> Bool[np.ndarray, "param"]:
         """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""

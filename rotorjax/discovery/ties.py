@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from rotorjax.discovery.descent import End
@@ -123,6 +124,6 @@ def _rescaled(contest: Contest, factor: float, contenders: list[Contender]) -> t
     own = np.array([not e.declared_uncertain for e in contest.space.entries])
     per_unknown = np.ones(len(own))
     per_unknown[[e.unknown for e in contest.space.entries if not e.declared_uncertain]] = factor
-    space = dataclasses.replace(contest.space, scale=np.asarray(contest.space.scale) * np.where(own, factor, 1.0))
+    space = dataclasses.replace(contest.space, scale=contest.space.scale * jnp.asarray(np.where(own, factor, 1.0)))
     known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / per_unknown) for end in c.ends), -math.inf) for c in contenders}
     return dataclasses.replace(contest, space=space), known

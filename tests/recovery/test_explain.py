@@ -1,0 +1,161 @@
+"""What is missing is found: each effect on the plan that its page calls sufficient, nothing where nothing is, verdicts on hopeless data."""
+
+import dataclasses
+import json
+
+import hidden
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from rotorjax import Explanation, effects, explain
+from rotorjax.answer import explanation_json, explanation_text, sentence
+from rotorjax.discovery import descent
+from rotorjax.effects import CATALOG
+
+
+def names_open(found: Explanation) -> set[str]:
+    """What the answer names, ties included."""
+    return {*found.effects, *(name for group in found.ties.groups() for names in group for name in names)}
+
+
+@pytest.mark.parametrize("name", CATALOG)
+def test_every_effect_is_found_on_its_sufficient_plan(name):
+    model, measurement, _ = hidden.sufficient(CATALOG[name], seed=7)
+    found = explain(model, measurement, thorough=False)
+    assert name in names_open(found)
+    assert len(found.effects) == 1
+    assert found.verdict in ("explained", "undecided")
+    last = found.story.fits[-1]
+    assert last.converged
+    assert last.reduced_chi2 == pytest.approx(1.0, abs=0.7)
+
+
+def test_values_come_back():
+    model, measurement, (true,) = hidden.sufficient(effects.CrossCoupling, seed=3)
+    found = explain(model, measurement)
+    estimate = found.story.fits[-1].estimate("cross_coupling", "cross_stiffness_n_per_m")
+    assert abs(estimate.value - true) < 4.0 * estimate.standard_error
+    assert found.verdict == "explained"
+    assert found.p_value.value > 0.01
+    held = found.story.fits[-1].held_out_rms
+    assert held == pytest.approx(np.sqrt(2) * 0.3e-6, rel=0.4)
+    assert found.story.views[0].rms / held > 10.0
+
+
+def test_healthy_rotors_get_no_effect():
+    """100 measurements without any effect: at most two get one."""
+    accused = 0
+    for seed in range(100):
+        model, measurement, _ = hidden.sufficient(effects.MassError, seed=seed, hidden=False)
+        accused += bool(explain(model, measurement, thorough=False).effects)
+    assert accused <= 2
+
+
+def test_two_effects_at_once():
+    model, measurement, (delay,) = hidden.sufficient(effects.TimeDelay, seed=5, factor=0.5)
+    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.unique(np.asarray(measurement.conditions.speed))))
+    z = hidden.measure(hidden.Machine(), plan, {"time_delay": [delay], "gyroscopic": [0.03]}, np.random.default_rng(5))
+    found = explain(model, dataclasses.replace(measurement, vectors=z), thorough=False)
+    assert set(found.effects) == {"time_delay", "gyroscopic"}
+    assert found.verdict == "explained"
+
+
+def _plan_of(measurement) -> hidden.Plan:
+    first = [int(np.argmax(measurement.run == k)) for k in range(len(measurement.runs))]
+    weights = {run: [complex(*pair) for pair in np.asarray(measurement.conditions.unbalance)[k]] for run, k in zip(measurement.runs, first, strict=True)}
+    return hidden.Plan(weights, ())
+
+
+def test_two_measurements_of_one_size_compile_once(monkeypatch):
+    """Another file, another rig, other names of runs and probes: the same compiled program."""
+    model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
+    explain(model, measurement, thorough=False)
+    traced = []
+    whole = descent._quadratic
+    monkeypatch.setattr(descent, "_quadratic", lambda *arguments: traced.append(1) or whole(*arguments))
+    other, second, _ = hidden.sufficient(effects.MassError, seed=2, machine=hidden.Machine(2.0, (2e5, 1.9e5), (0.02, 0.04)))
+    renamed = dataclasses.replace(other, layout=other.layout._replace(probes=("left", "right")))
+    explain(renamed, dataclasses.replace(second, runs=("first", "second"), probes=("left", "right")), thorough=False)
+    assert not traced
+
+
+def cut(measurement, cases: list[int], *, probe: int | None = None):
+    """Some cases of a measurement, of all probes but one."""
+    present = measurement.present[cases].copy()
+    if probe is not None:
+        present[:, probe] = False
+    used = sorted(set(measurement.run[cases].tolist()))
+    return dataclasses.replace(
+        measurement,
+        runs=tuple(measurement.runs[k] for k in used),
+        run=np.array([used.index(k) for k in measurement.run[cases]]),
+        repeat=("",) * len(cases),
+        conditions=jax.tree.map(lambda values: values[jnp.array(cases)], measurement.conditions),
+        vectors=np.where(present, measurement.vectors[cases], 0.0),
+        present=present,
+        sigma=measurement.sigma[cases],
+    )
+
+
+POOR = {
+    "one run": lambda m: cut(m, [0, 1, 2, 3]),
+    "one speed": lambda m: cut(m, [1, 5]),
+    "one reading": lambda m: cut(m, [1]),
+    "one probe": lambda m: cut(m, list(range(8)), probe=1),
+    "three cells": lambda m: cut(m, [0, 1, 2], probe=1),
+    "no sigma": lambda m: dataclasses.replace(m, sigma=None, noise="unknown"),
+    "no sigma, one reading": lambda m: dataclasses.replace(cut(m, [1]), sigma=None, noise="unknown"),
+    "sigma too small": lambda m: dataclasses.replace(m, sigma=m.sigma / 1000.0),
+    "sigma too large": lambda m: dataclasses.replace(m, sigma=m.sigma * 1000.0),
+    "all zero": lambda m: dataclasses.replace(m, vectors=np.zeros_like(m.vectors)),
+}
+
+
+@pytest.mark.parametrize("name", POOR)
+def test_poor_data_get_a_verdict_with_its_reason(name):
+    model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
+    found = explain(model, POOR[name](measurement))
+    told = json.loads(json.dumps(explanation_json(found), allow_nan=False))
+    assert told["verdict"] == found.verdict
+    assert explanation_text(found).count("nan") == 0
+    said = sentence(found) + " ".join(told["findings"])
+    if name == "sigma too small":
+        assert found.verdict == "unexplained"
+        assert "sigma_um is too small" in said
+    if name == "sigma too large":
+        assert found.verdict == "nothing missing"
+        assert "sigma_um looks far too large" in said
+    if name == "all zero":
+        assert (found.verdict, found.effects) == ("unexplained", ())
+        assert "every measured vector is zero" in said
+    if "no sigma" in name:
+        assert (told["noise"], told["p_value"]) == ("inferred", None)
+    if name in ("one speed", "one reading"):
+        assert told["steps"][0]["held_out_rms_um"] is None
+        assert told["steps"][0]["held_out_reason"]
+
+
+def test_no_effect_beyond_those_allowed():
+    model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
+    found = explain(model, measurement, only=("probe_gain", "runout"), thorough=False)
+    assert "cross_coupling" not in names_open(found)
+    assert found.verdict == "unexplained"
+    assert explain(model, measurement, exclude=("cross_coupling",), thorough=False).effects != ("cross_coupling",)
+    assert explain(model, measurement, max_effects=0, thorough=False).effects == ()
+    with pytest.raises(ValueError, match="unknown effect 'magic'"):
+        explain(model, measurement, only=("magic",))
+
+
+def test_a_part_that_has_no_share_is_named_small():
+    """Runout of a hundredth of its scale is detected among micrometres of response, but does not matter."""
+    model, measurement, _ = hidden.sufficient(effects.Runout, seed=4, factor=0.02)
+    quiet = dataclasses.replace(measurement, sigma=measurement.sigma / 30.0)
+    noise = 0.01e-6 * np.random.default_rng(0).standard_normal((*measurement.vectors.shape, 2))
+    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.unique(np.asarray(measurement.conditions.speed))), sigma=0.0)
+    clean = hidden.measure(hidden.Machine(), plan, {"runout": [1e-7, -1e-7, 1e-7, 1e-7]}, np.random.default_rng(0))
+    found = explain(model, dataclasses.replace(quiet, vectors=clean + noise[..., 0] + 1j * noise[..., 1]), thorough=False)
+    assert found.effects == ()
+    assert [small.effect for small in found.detected_but_small] == ["runout"]
+    assert found.verdict == "nothing missing"
