@@ -221,8 +221,9 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
             break
         noise = quiet
         found.update(race(contest, noise, wanted, found))
-    if noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None and _leader(contest, found, wanted) == min(wanted, key=len):
-        # A set that holds within the known noise explains more than the smallest one that needs a misfit of its own size.
+    stuck = noise.allowance > 0.0 and _leader(contest, found, wanted) == min(wanted, key=len)
+    if stuck and contest.floor == NO_NOISE and contest.measurement.sigma is not None:
+        # A set that holds within the table's noise explains more than the smallest one that needs a misfit of its own size.
         known_noise = {**found, **race(contest, contest.floor, wanted, found)}
         leader = _leader(contest, known_noise, wanted)
         if misfit_left(contest, known_noise[leader], contest.floor) == contest.floor.allowance:
