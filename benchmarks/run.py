@@ -3,8 +3,9 @@
     python benchmarks/run.py
 
 Response of 100,000 rotors at 7 speeds, with its Jacobian, beside vectorised NumPy with central differences; one fit
-beside `scipy.optimize.least_squares` on a vectorised NumPy model; import time; commands from start to end, with an
-empty and with a filled compilation cache. Best of several runs each; the results of both sides are compared first.
+beside `scipy.optimize.least_squares` on a vectorised NumPy model; the whole catalogue ranked on 60 conditions beside one
+such fit per hypothesis and start; import time; commands from start to end, with an empty and with a filled compilation
+cache. Best of several runs each; the results of both sides are compared first.
 """
 
 import os
@@ -19,6 +20,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from ranking import rank, rank_with_scipy, sixty_conditions
 from scipy.optimize import least_squares
 
 from rotorjax import Conditions, Jeffcott, Model, effects, fit, read_measurement, read_rig
@@ -129,6 +131,29 @@ def fit_row() -> list[str]:
     return row("one fit, 7 parameters x 72 vectors, warm", mine, "SciPy least_squares", theirs)
 
 
+def ranking_rows() -> list[list[str]]:
+    model, measurement = sixty_conditions()
+    contest, contenders = rank(model, measurement)
+    costs, evaluations = rank_with_scipy(contest, model)
+    for name, cost in costs.items():
+        np.testing.assert_allclose(contenders[frozenset([name])].best.cost, cost, rtol=1e-3, atol=0.05, err_msg=name)
+    mine = best(lambda: rank(model, measurement))
+    theirs = best(lambda: rank_with_scipy(contest, model), 3)
+    rows = [row(f"whole catalogue on 60 conditions, warm ({evaluations} peer evaluations)", mine, "SciPy per hypothesis", theirs)]
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
+        program = [sys.executable, str(Path(__file__).parent / "ranking.py")]
+
+        def call() -> object:
+            return subprocess.run(program, check=True, env=environment, capture_output=True)
+
+        rows.append(row("the same in a new process, empty cache", best(call, 1), "", None))
+        rows.append(row("the same in a new process, filled cache", best(call, 3), "", None))
+        said = subprocess.run(program, check=True, env=environment, capture_output=True, text=True).stdout
+        rows.append(["its peak memory [GB]", said.split(",")[-1].split()[0], "", "", ""])
+    return rows
+
+
 def command_rows() -> list[list[str]]:
     with as_file(files("rotorjax") / "data" / "example") as folder, tempfile.TemporaryDirectory() as cache:
         data = [str(folder / "measurement.csv"), "--rig", str(folder / "rig.toml")]
@@ -136,6 +161,7 @@ def command_rows() -> list[list[str]]:
             "rotorjax effects": ["effects"],
             "rotorjax compare": ["compare", *data],
             "rotorjax compare --effect residual_unbalance": ["compare", *data, "--effect", "residual_unbalance"],
+            "rotorjax explain": ["explain", *data],
         }
         environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": cache}
         rows = [
@@ -159,7 +185,7 @@ def python(code: str, environment: dict[str, str]) -> object:
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    rows = [*response_rows(), fit_row(), *command_rows()]
+    rows = [*response_rows(), fit_row(), *ranking_rows(), *command_rows()]
     print(Table("", ["what", "rotorjax s", "peer", "peer s", "peer / ours"], rows).text())
 
 

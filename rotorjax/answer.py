@@ -8,7 +8,7 @@ from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.noise import NO_SCATTER
 from rotorjax.discovery.search import DETECTED, Ranked
 from rotorjax.discovery.ties import Alternative
-from rotorjax.report import Page, Picture, findings, measurement_line, share_table, step_json, step_labels, step_tables, steps, view_json, worst_cells
+from rotorjax.report import Page, Picture, findings, measurement_line, share_table, step_json, step_tables, view_json, worst_cells
 from rotorjax.tables import Table, number
 
 SHOWN = 6
@@ -177,16 +177,12 @@ def explanation_page(found: Explanation, *, title: str, pictures: list[tuple[str
 def explanation_json(found: Explanation) -> dict[str, Any]:
     """What ``explain --json`` writes: plain finite numbers, null where a key does not apply."""
     story = found.story
-    labels = step_labels(story)
-    kept = list(zip(labels, steps(story), strict=True))[-len(found.rankings) :]
     every = []
-    for k, (label, (view, fitted)) in enumerate(kept):
-        every.append(
-            {**step_json(label, view, fitted), "ranking": _ranking_json(found, k), "ties": found.ties.groups() if k == len(kept) - 1 else _near(found, k)}
-        )
-    every[0]["added"] = None
-    if not story.fits[0].estimates:
-        every[0]["parameters"] = {}
+    for k, (view, fitted) in enumerate(zip(story.views, story.fits, strict=True)):
+        step = step_json(f"+ {found.effects[k - 1]}" if k else "before anything is added", view, fitted)
+        ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
+        every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
+    every[0] |= {"uncertain_values": every[0]["parameters"], "parameters": {}}
     n = found.next_measurement
     return {
         "verdict": found.verdict,

@@ -178,3 +178,69 @@ def test_text_from_files_is_escaped(tmp_path):
     page = (tmp_path / "r.html").read_text()
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
+
+
+@pytest.fixture(scope="module")
+def explained(example):
+    """The whole of `explain` on the example, once."""
+    status = run(
+        "explain", example / "measurement.csv", "--rig", example / "rig.toml",
+        "--json", example / "e.json", "--report", example / "e.html", "--write-rig", example / "explained.toml",
+    )  # fmt: skip
+    assert status == 0
+    return json.loads((example / "e.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+def test_explain_finds_what_the_example_hides(explained):
+    assert explained["verdict"] == "explained"
+    assert explained["effects"] == ["residual_unbalance", "cross_coupling"]
+    assert explained["p_value"] > 0.01
+    assert [step["added"] for step in explained["steps"]] == [None, "residual_unbalance", "cross_coupling"]
+    first, *_, last = explained["steps"]
+    assert first["parameters"] == {}
+    assert set(first["uncertain_values"]) == {"stiffness_error", "damping_error"}
+    assert last["parameters"]["cross_coupling"]["cross_stiffness_n_per_m"]["value"] == pytest.approx(1200.0, abs=35.0)
+    assert first["held_out_rms_um"] > 10.0 * last["held_out_rms_um"]
+    assert last["reduced_chi2"] == pytest.approx(1.0, abs=0.35)
+
+
+def test_explain_json_holds_the_contract(explained):
+    keys = {"verdict", "effects", "steps", "ranking", "ties", "detected_but_small", "where", "next_measurement", "noise", "run_scatter", "p_value"}
+    assert keys <= set(explained)
+    assert explained["ranking"] == explained["steps"][0]["ranking"]
+    assert {r["effect"] for r in explained["ranking"]} >= {"none", "residual_unbalance", "thermal_bow"}
+    assert sum(r["probability"] for r in explained["ranking"]) == pytest.approx(1.0)
+    assert {"effect", "probability", "log_evidence", "reduced_chi2", "converged"} == set(explained["ranking"][0])
+    for step in explained["steps"]:
+        assert {"added", "rms_um", "reduced_chi2", "held_out_rms_um", "ranking", "ties", "parameters"} <= set(step)
+    worst = explained["where"][0]
+    assert {"run", "speed_rpm", "probe", "order", "residual_um", "standardised"} <= set(worst)
+    assert worst["standardised"] >= explained["where"][1]["standardised"]
+
+
+def test_explained_model_is_taken_by_compare(example, explained, capsys):
+    assert run("compare", example / "measurement.csv", "--rig", example / "explained.toml", "--json", example / "again.json") == 0
+    again = json.loads((example / "again.json").read_text())
+    assert again["rms_um"] == pytest.approx(explained["steps"][-1]["rms_um"], rel=1e-6)
+    assert "within the noise" in capsys.readouterr().out
+
+
+def test_explain_report_is_one_file_without_network(explained, example):
+    page = (example / "e.html").read_text()
+    assert "Missing: residual_unbalance and cross_coupling." in page
+    assert "What is missing beside residual_unbalance" in page
+    assert not re.search(r'(src|href)="http', page)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (("--only", "cross_copling"), "--only: unknown effect 'cross_copling'; did you mean 'cross_coupling'?"),
+        (("--exclude", "runout,magic"), "--exclude: unknown effect 'magic'"),
+        (("--max-effects", "-1"), "--max-effects -1: must be zero or more"),
+    ],
+)
+def test_explain_refuses_with_a_cure(example, capsys, option, message):
+    assert run("explain", example / "measurement.csv", "--rig", example / "rig.toml", *option, "--json", example / "no.json") == 2
+    assert message in capsys.readouterr().err
+    assert not (example / "no.json").exists()
