@@ -84,7 +84,9 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
         table.update(race.contenders)
         leader = ranking(contest, race, present | small)
         none = next(r.probability for r in leader if r.effect == "none")
-        if none >= DETECTED or len(present) >= most:
+        # Where several share what "none" lacks, the best of them must be detected by itself.
+        alone = max((r.probability for r in leader if r.effect != "none"), default=0.0)
+        if none >= DETECTED or alone * DETECTED < none * (1.0 - DETECTED) or len(present) >= most:
             return _told(contest, most, present, small, table, seen)
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
         if len(small) < MOST_SMALL and not matters(contest, table[present | small | {added}], added):
