@@ -32,7 +32,7 @@ def sentence(found: Explanation) -> str:
     share = f", {number(100.0 * before / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
     first = f"The model as declared misses by {number(before)} µm rms{share}."
     parts = {
-        "nothing missing": ["Nothing is missing that these data could show.", first],
+        "nothing missing": [_nothing(found), first],
         "explained": [f"Missing: {listed(found.effects)}.", first, _fall(found)],
         "undecided": [f"Undecided: {listed(found.effects)}, but others do as well.", first, _fall(found)],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
@@ -40,13 +40,31 @@ def sentence(found: Explanation) -> str:
     return " ".join([*(part for part in parts if part), *_ties(found), _left(found)])
 
 
+def _nothing(found: Explanation) -> str:
+    if found.contest.measurement.sigma is None:
+        return "No effect stands out; the noise is unknown, so that this says little."
+    if found.detected_but_small:
+        return "Nothing is missing that matters."
+    return "Nothing is missing that these data could show."
+
+
 def _unexplained(found: Explanation) -> str:
     if found.contest.measurement.rms == 0.0:
         return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
+    if (ahead := _would_be_next(found)) is not None:
+        return f"Unexplained: no more than {found.max_effects} effects were to be added, and {ahead} would be next."
+    those = "those allowed" if found.restricted else "the catalogue"
     if not found.effects:
-        return "Unexplained: no effect of the catalogue accounts for what the model misses."
+        return f"Unexplained: no effect of {those} accounts for what the model misses."
     accounts = "accounts" if len(found.effects) == 1 else "account"
-    return f"Unexplained: {listed(found.effects)} {accounts} for part of what the model misses, and no further effect of the catalogue for the rest."
+    return f"Unexplained: {listed(found.effects)} {accounts} for part of what the model misses, and no further effect of {those} for the rest."
+
+
+def _would_be_next(found: Explanation) -> str | None:
+    """The effect at which the limit on their number stopped the search, if it did."""
+    last = found.rankings[-1]
+    none = next(r.probability for r in last if r.effect == "none")
+    return last[0].effect if len(found.effects) >= found.max_effects and none < DETECTED else None
 
 
 def _fall(found: Explanation) -> str:
@@ -87,16 +105,17 @@ def notes(found: Explanation) -> list[str]:
         )
     elif found.ties.tied:
         advice = ""
-        if found.story.model.slow_roll is not None:
+        names = {name for group in found.ties.groups() for names in group for name in names}
+        if found.story.model.slow_roll is not None and "residual_unbalance" in names and names & {"residual_bow", "thermal_bow"}:
             advice = "; vectors without the slow-roll subtraction would tell a bow from an unbalance"
-        lines.append(f"No reading of these runs within the limits would settle the tie{advice}.")
+        lines.append(f"No reading within the limits would settle the tie{advice}.")
     share = found.story.last.rms / found.contest.measurement.rms if found.contest.measurement.rms > 0.0 else 1.0
     if found.verdict == "unexplained" and share < SLIGHT:
         lines.append(
             f"What is left is only {number(100.0 * share, 2)} % of what was measured: if sigma_um is too small, or the model's form need not be better "
             "than that ([model] tolerance), it is explained."
         )
-    lines += [f"Detected, but too small to matter: {small.effect} ({small.why})." for small in found.detected_but_small]
+    lines += [f"Detected, but too small to matter, and kept in the fitted model only: {small.effect} ({small.why})." for small in found.detected_but_small]
     return lines + findings(found.story)
 
 
@@ -121,7 +140,8 @@ def ranking_tables(found: Explanation) -> list[Table]:
     """What a further effect would bring, at every step."""
     tables = []
     for step, ranked in enumerate(found.rankings):
-        beside = f"beside {listed(found.effects[:step])}" if step else "in the model as declared"
+        there = [*found.effects[:step], *(small.effect for small in found.detected_but_small if step == len(found.effects))]
+        beside = f"beside {listed(there)}" if there else "in the model as declared"
         rows = [[r.effect, _probability(r.probability), number(r.log_evidence, 5), _rms(found, r)] for r in _shown(ranked)]
         note = "" if step < len(found.effects) else _why_stopped(found, ranked)
         tables.append(Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note))
@@ -131,7 +151,7 @@ def ranking_tables(found: Explanation) -> list[Table]:
 def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
     if next(r.probability for r in ranked if r.effect == "none") >= DETECTED:
         return f'Nothing is added while "none" has a probability of {100.0 * DETECTED:g} % or more.'
-    if len(found.effects) >= found.max_effects:
+    if _would_be_next(found) is not None:
         return f"No more than {found.max_effects} effects were to be added."
     return "None of these is detected by itself: nothing is added."
 
@@ -182,7 +202,8 @@ def explanation_json(found: Explanation) -> dict[str, Any]:
         step = step_json(f"+ {found.effects[k - 1]}" if k else "before anything is added", view, fitted)
         ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
         every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
-    every[0] |= {"uncertain_values": every[0]["parameters"], "parameters": {}}
+    uncertain = {e.entry.effect for e in story.fits[0].estimates if e.entry.declared_uncertain}
+    every[0] |= {"uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain}, "parameters": {}}
     n = found.next_measurement
     return {
         "verdict": found.verdict,
@@ -205,6 +226,7 @@ def explanation_json(found: Explanation) -> dict[str, Any]:
         "noise": "given" if found.contest.measurement.noise == "given" else "inferred",
         "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
         "p_value": None if found.p_value is None else found.p_value.value,
+        "p_value_draws": None if found.p_value is None else found.p_value.draws,
         "findings": notes(found),
     }
 

@@ -194,6 +194,10 @@ def _explain(options: argparse.Namespace) -> None:
     from rotorjax.discovery.explain import explain
 
     rig, measurement = _read(options)
+    declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
+    if held := [name for name in only or () if name in rig.model or name in declared]:
+        how = "declares it uncertain, so that it is estimated along in any case" if held[0] in declared else "has it in [effects] already"
+        raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
     shown = sys.stderr.isatty()
 
     def progress(line: str) -> None:

@@ -196,6 +196,19 @@ def _with_pure_error(measurement: Measurement) -> Measurement:
     return dataclasses.replace(measurement, sigma=sigma, noise="repeats")
 
 
+def aligned_half_orders(measurement: Measurement) -> Measurement:
+    """The same with the signs of half orders, which a once-per-turn reference leaves open, brought into line from case to case.
+
+    A fit compares up to that sign anyway; but where signs alternate, a start at zero sees no slope.
+    """
+    vectors = measurement.vectors.copy()
+    for order in (k for k, n in enumerate(measurement.orders) if is_half_order(n)):
+        pattern = vectors[:, :, order] @ np.linalg.svd(vectors[:, :, order])[2][0].conj()
+        turned = pattern * np.exp(-0.5j * np.angle(np.sum(pattern**2)))
+        vectors[:, :, order] *= np.where(turned.real < 0.0, -1.0, 1.0)[:, None]
+    return dataclasses.replace(measurement, vectors=vectors)
+
+
 def is_half_order(order: float) -> bool:
     """Whether a once-per-turn reference leaves the sign of this order open."""
     return abs(order % 1.0 - 0.5) < 1e-6

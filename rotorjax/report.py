@@ -128,7 +128,7 @@ def steps(story: Story) -> list[tuple[Comparison, Fit | None]]:
 
 
 def _has_uncertain(story: Story) -> bool:
-    return bool(story.fits) and bool(story.fits[0].estimates)
+    return bool(story.fits) and any(e.entry.declared_uncertain for e in story.fits[0].estimates)
 
 
 def fall_table(story: Story) -> Table:

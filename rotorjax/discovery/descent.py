@@ -28,7 +28,7 @@ BATCH = 6
 LEG, LEGS = 12, 5
 """Steps that a batch makes together, and how many times those not at their end yet go on, in fuller batches."""
 HOPELESS = 300.0
-"""Cost above the best of a call with which a descent does not go on for more than two legs."""
+"""Cost above the best of a call on the same cases with which a descent does not go on for more than two legs."""
 KEPT_RIVALS = (3, 2, 1)
 """Starts of the same fit that go on after the first leg, the second, and all later ones."""
 LEAST_CASES, LEAST_RUNS, LEAST_UNKNOWNS, LEAST_POINTS = 16, 4, 4, 4
@@ -255,8 +255,8 @@ def descend(
         moved[:, :cases] = shift
     tasks = _Task(fixed, chosen, counted, moved, _absorbed(filled, counted))
     point, damping, steps = np.einsum("spf,sp->sf", chosen, starts), np.full(len(starts), FIRST_DAMPING), np.zeros(len(starts), int)
-    rivals = np.unique(np.column_stack([np.packbits(free, axis=1), np.packbits(np.asarray(training, bool), axis=1)]), axis=0, return_inverse=True)[1].ravel()
-    rivals = rivals if shift is None else np.arange(len(starts))
+    trained = np.unique(np.asarray(training, bool), axis=0, return_inverse=True)[1].ravel()
+    rivals = np.unique(np.column_stack([free, trained]), axis=0, return_inverse=True)[1].ravel() if shift is None else np.arange(len(starts))
     ends: list[End | None] = [None] * len(starts)
     waiting = np.arange(len(starts))
     limits, batch = Tolerance(*(np.asarray(limit) for limit in manner.tolerance)), manner.batch
@@ -268,7 +268,7 @@ def descend(
             for k, task in enumerate(index[: len(waiting) - first]):
                 point[task], damping[task], steps[task] = found.point[k], found.damping[k], steps[task] + found.steps[k]
                 ends[task] = _end(found, k, fixed[task], columns[task], cases, int(steps[task]))
-        waiting = _going_on([end for end in ends if end is not None], rivals, leg)
+        waiting = _going_on([end for end in ends if end is not None], rivals, trained, leg)
     return [end for end in ends if end is not None]
 
 
@@ -289,12 +289,13 @@ def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np
     return absorbed
 
 
-def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], leg: int) -> np.ndarray:
+def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], trained: Int[np.ndarray, "start"], leg: int) -> np.ndarray:
     """Descents worth another leg: not at their end, not hopeless, and among the best of those for the same unknowns."""
     cost = np.array([end.cost for end in ends])
     waiting = np.array([end.result == MAX_STEPS for end in ends])
-    if leg > 0:
-        waiting &= cost < cost.min() + HOPELESS
+    for task in np.unique(trained) if leg > 0 else ():
+        own = trained == task
+        waiting[own] &= cost[own] < cost[own].min() + HOPELESS
     for rival in np.unique(rivals[waiting]):
         own = np.flatnonzero(rivals == rival)
         ranked = own[np.argsort(cost[own], kind="stable")]

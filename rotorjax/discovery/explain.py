@@ -1,6 +1,7 @@
 """Which physical effect is missing: the answer, how sure it is, what it cannot tell apart, what to measure next."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
@@ -22,7 +23,7 @@ from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inverse import fault_sensitivity, installed_faults
-from rotorjax.measurement import Measurement, is_half_order
+from rotorjax.measurement import Measurement, aligned_half_orders, is_half_order
 from rotorjax.model import AbstractRotor, Effect, Model
 
 UNEXPLAINED = 0.01
@@ -67,6 +68,12 @@ class Explanation:
     def model(self) -> Model:
         """The model with what was added, fitted."""
         return self.story.final_model
+
+    @property
+    def restricted(self) -> bool:
+        """Whether some effects of the catalogue were not allowed to be missing."""
+        given = {e.name for e in self.story.model.effects} | {e.effect for e in self.contest.space.entries if e.declared_uncertain}
+        return bool({e.effect for e in self.contest.space.entries} - given - set(self.contest.candidates))
 
     @property
     def tie(self) -> float:
@@ -134,7 +141,7 @@ def explain(
     # Where nothing was measured, a gain of zero would explain it all.
     candidates = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
-    kept = without_orders(measurement, undriven)
+    kept = aligned_half_orders(without_orders(measurement, undriven))
     contest = make_contest(full, kept, candidates, catalog)
     selection = select(contest, max_effects, progress=progress)
     return _answer(full, selection, undriven, catalog, thorough, progress)
@@ -153,10 +160,8 @@ def _answer(
     p = p_value(contest, selection.known[selection.present]) if thorough and contest.measurement.sigma is not None else None
     fits = _fits(contest, model, selection, held)
     proposal = None
-    if ties.tied:
-        other = ties.tied[0]
-        names = (other.instead_of, other.effects)
-        proposal = next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
+    for other in ties.tied:
+        proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
@@ -178,9 +183,9 @@ def _answer(
 def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest) -> Verdict:
     m = contest.measurement
     if p is not None:
-        structure = p.value <= UNEXPLAINED or p.far
+        structure = p.value <= UNEXPLAINED
     elif m.sigma is None:
-        structure = not selection.effects and last.misfit > LARGE * m.rms
+        structure = math.sqrt(2.0) * last.misfit > LARGE * m.rms
     else:
         structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
     if structure:

@@ -36,16 +36,17 @@ def held_out(contest: Contest, selection: Selection) -> HeldOut:
     settled = [False] * len(folds)
     errors = []
     for step in range(len(selection.races)):
-        if step == len(selection.races) - 1:
+        last = step == len(selection.races) - 1
+        if last:
             bases = [base | frozenset(selection.small) for base in bases]
-        ends = _fit_folds(contest, selection, step, folds, bases)
+        ends = _fit_folds(contest, selection, step, folds, bases, alone=last)
         data = contest.data(selection.races[step].noise, final.point)
         squares, cells = 0.0, 0
         for fold, left_out in enumerate(folds):
             counted = contest.measurement.present & left_out[:, None, None]
             residual = residual_vectors(ends[fold, bases[fold]].local.error, data)
             squares, cells = squares + float(np.sum(np.abs(residual[counted]) ** 2)), cells + int(counted.sum())
-            if not settled[fold]:
+            if not (settled[fold] or last):
                 unknown = selection.races[step].noise.allowance > contest.floor.allowance
                 size = dataclasses.replace(contest, training=~left_out).independent_numbers() if unknown else None
                 bases[fold], settled[fold] = _next(contest, bases[fold], {e: end for (f, e), end in ends.items() if f == fold}, size)
@@ -53,13 +54,15 @@ def held_out(contest: Contest, selection: Selection) -> HeldOut:
     return HeldOut(tuple(errors), "")
 
 
-def _fit_folds(contest: Contest, selection: Selection, step: int, folds: Bool[np.ndarray, "fold case"], bases: list[Effects]) -> dict[tuple[int, Effects], End]:
-    """Every fold's own set, and that with each effect worth trying, fitted to the rest: all in the same compiled calls."""
+def _fit_folds(
+    contest: Contest, selection: Selection, step: int, folds: Bool[np.ndarray, "fold case"], bases: list[Effects], *, alone: bool
+) -> dict[tuple[int, Effects], End]:
+    """Every fold's own set, and unless ``alone`` that with each effect worth trying, fitted to the rest: all in the same compiled calls."""
     race = selection.races[step]
     best = max(c.log_evidence for c in race.contenders.values())
     smallest = min(race.contenders, key=len)
     names = {name for effects, c in race.contenders.items() if c.log_evidence > best - WORTH_TRYING for name in effects - smallest}
-    names |= set(selection.effects)
+    names = set() if alone else names | set(selection.effects)
     wanted = [(fold, base | extra) for fold, base in enumerate(bases) for extra in [NOTHING, *(frozenset([n]) for n in sorted(names - base))]]
     near = {effects: _nearest(contest, selection, effects) for _, effects in wanted}
     tasks = [(key, point) for key in wanted for point in near[key[1]]]

@@ -11,6 +11,7 @@ from rotorjax.discovery.descent import End, predict
 from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contest
 from rotorjax.inverse import NEAR_PEAK, resonances_rpm
+from rotorjax.measurement import is_half_order
 from rotorjax.model import Conditions
 
 SPEEDS = 41
@@ -21,7 +22,7 @@ TELLING = 2.0
 """Standard errors by which predictions must differ for a reading to be worth proposing."""
 STEP = 1e-3
 """Step of the difference quotients, in prior scales."""
-BARE, TRIAL = "a run with nothing installed", "a run with a trial weight of {:g} g mm at 0°"
+BARE, TRIAL = "a run with nothing installed", "a run with nothing but a trial weight of {:g} g mm at 0° (first plane)"
 
 
 class Proposal(NamedTuple):
@@ -40,8 +41,7 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     either nothing is proposed: there the model's own error rules. None if no reading within the limits would tell.
     """
     runs = _runs(contest)
-    model = contest.space.model_at(first.point)
-    peaks = np.concatenate([resonances_rpm(model), resonances_rpm(contest.space.model_at(second.point))])
+    peaks = np.concatenate([resonances_rpm(contest.space.model_at(end.point).with_orders((1.0,))) for end in (first, second)])
     measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.5 * measured.min(), 1.5 * measured.max())
     speeds = np.linspace(low, high, SPEEDS)
@@ -51,7 +51,9 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     shown, spread = zip(*(_prediction(contest, conditions, end) for end in (first, second)), strict=True)
     weight = contest.measurement.weights(noise.allowance)
     sigma = 1.0 / np.median(weight[weight > 0.0])
-    gap = numpy_pair(shown[0] - shown[1]).reshape(len(unbalance), -1)
+    # Half orders have no sign that a reading could be held against.
+    whole = np.array([not is_half_order(n) for n in contest.measurement.orders])
+    gap = numpy_pair((shown[0] - shown[1]) * whole).reshape(len(unbalance), -1)
     covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s @ np.swapaxes(s, 1, 2) for s in spread)
     size = np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))
     speed = np.tile(speeds, len(runs))
@@ -78,9 +80,9 @@ def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     if np.all((size > 0.0) | np.any(bow != 0.0, axis=1)):
         runs[BARE] = (np.zeros_like(unbalance[0]), np.zeros(2))
     if (trial := m.knowledge.limits.trial_weight_g_mm) is not None:
-        weight = unbalance[picked[0]].copy()
+        weight = np.zeros_like(unbalance[0])
         weight[0] = [trial * GRAM_MILLIMETRE, 0.0]
-        runs[TRIAL.format(trial)] = (weight, bow[picked[0]])
+        runs[TRIAL.format(trial)] = (weight, np.zeros(2))
     return runs
 
 

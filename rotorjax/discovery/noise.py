@@ -75,19 +75,7 @@ def scatter_wanted(measurement: Measurement) -> bool:
     return len(measurement.runs) >= FEW_RUNS and known.run_scatter == "auto" and measurement.sigma is not None and not declared
 
 
-class Floor(NamedTuple):
-    """What is left of the measured vectors when influence coefficients are fitted to them: no linear rotor, alike in all runs, does better."""
-
-    noise: Noise
-    """Scatter between runs, and the isotropic misfit beside it, that make it most likely."""
-    freedom: int
-    """Complex degrees of freedom that were left to tell."""
-
-
-NO_FLOOR = Floor(NO_NOISE, 0)
-
-
-def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"]) -> Floor:
+def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"]) -> Noise:
     """Scatter between runs, told from every effect that acts alike in all of them.
 
     At each speed, probe and order the residual is fitted by influence coefficients: a constant, and one complex number
@@ -97,20 +85,20 @@ def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarr
     and Mead (1965); each is believed only where it gains a log likelihood of 2, unbalance before bow.
 
     **Arguments:** ``residual`` measured minus predicted by some ``model`` [m], which takes out most of what depends on
-    small differences in speed. **Returns** `NO_FLOOR` where nothing can be inferred (`scatter_wanted`).
+    small differences in speed. **Returns** no noise where nothing can be inferred (`scatter_wanted`).
     """
     if not scatter_wanted(measurement):
-        return NO_FLOOR
+        return NO_NOISE
     rows = _beyond_influence(measurement, fault_sensitivity(model, measurement.conditions), residual)
     if not np.any(rows.error):
-        return NO_FLOOR
+        return NO_NOISE
     best = rows.most_likely(())
     for which in ((0,), (1,), (0, 1)):
         more = rows.most_likely(which)
         if more[0] > best[0] + LEAST_GAIN:
             best = more
     misfit = best[1] if best[0] > rows.value(0.0, best[2]) + LEAST_GAIN else 0.0
-    return Floor(Noise(misfit, RunScatter(*(float(d) for d in best[2]))), len(rows.error) // 2)
+    return Noise(misfit, RunScatter(*(float(d) for d in best[2])))
 
 
 class _Rows(NamedTuple):
@@ -156,6 +144,8 @@ def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case 
     weight = measurement.weights(0.0)
     errors, enters, variances = [], [], []
     for (cases, probe, order), columns in _influence_blocks(measurement):
+        if is_half_order(measurement.orders[order]) or measurement.orders[order] == 0.0:
+            continue
         left, size, _ = np.linalg.svd(columns)
         beyond = left[:, int(np.sum(size > 1e-9 * size[0])) :].conj().T
         if not len(beyond) or len(np.unique(measurement.run[cases])) < len(cases):
@@ -173,17 +163,17 @@ def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case 
 
 
 def _influence_blocks(measurement: Measurement) -> Iterator[tuple[tuple[np.ndarray, int, int], Complex[np.ndarray, "case column"]]]:
-    """Cases of one speed, with probe and order, and the columns of their influence coefficients; whole orders only."""
+    """Cases of one speed, with probe and order, and the columns of their influence coefficients."""
     cluster, speeds = cluster_speeds(measurement.speed_rpm, width=SAME_SPEED)
     unbalance = np.asarray(measurement.conditions.unbalance) @ np.array([1.0, 1j])
     bow = np.asarray(measurement.conditions.bow) @ np.array([1.0, 1j])
     installed = np.column_stack([unbalance, bow])
     installed = installed / np.maximum(np.abs(installed).max(axis=0), 1e-300)
     for speed, (probe, order) in itertools.product(range(len(speeds)), np.ndindex(measurement.vectors.shape[1:])):
-        n = measurement.orders[order]
         cases = np.flatnonzero((cluster == speed) & measurement.present[:, probe, order])
-        if len(cases) and not is_half_order(n) and n != 0.0:
-            yield (cases, probe, order), np.column_stack([np.ones(len(cases)), *([installed[cases]] if n == 1.0 else [])])
+        if len(cases):
+            once = [installed[cases]] if measurement.orders[order] == 1.0 else []
+            yield (cases, probe, order), np.column_stack([np.ones(len(cases)), *once])
 
 
 def independent_numbers(measurement: Measurement) -> int:
@@ -191,7 +181,8 @@ def independent_numbers(measurement: Measurement) -> int:
 
     Where a model misses, the miss repeats itself in run after run: more runs are then no more evidence.
     """
-    return 2 * sum(int(np.linalg.matrix_rank(columns, tol=1e-9)) for _, columns in _influence_blocks(measurement))
+    parts = {order: 1 if n == 0.0 else 2 for order, n in enumerate(measurement.orders)}
+    return sum(parts[order] * int(np.linalg.matrix_rank(columns, tol=1e-9)) for (_, _, order), columns in _influence_blocks(measurement))
 
 
 def scatter_share(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], scatter: RunScatter) -> float:

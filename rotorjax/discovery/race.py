@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax._core import CONVERGED
 from rotorjax.discovery.descent import QUICK, Data, End, Manner, declared_starts, descend, make_data, residual_vectors
 from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
@@ -42,11 +41,6 @@ class Contender(NamedTuple):
     def best(self) -> End:
         """The best optimum."""
         return self.ends[0]
-
-    @property
-    def converged(self) -> bool:
-        """Whether the best descent ended by convergence."""
-        return self.best.result == CONVERGED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -260,4 +254,4 @@ def misfit_left(contest: Contest, contender: Contender, under: Noise) -> float:
 def with_floor(contest: Contest, contender: Contender, under: Noise) -> Contest:
     """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the rest."""
     left = contest.left(contender.best, contest.data(under, contender.best.point))
-    return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left).noise)
+    return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left))

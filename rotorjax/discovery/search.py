@@ -65,13 +65,13 @@ def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
     return sorted(ranked, key=lambda r: (-r.probability, -r.log_evidence))
 
 
-def select(contest: Contest, most: int, *, known: Known | None = None, progress: Progress = lambda _: None) -> Selection:
+def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) -> Selection:
     """Add effects one after the other until "none" is probable.
 
     After each addition all one-for-one swaps and all pairs of the best eight are tried, then effects that are not needed
-    go. **Arguments:** ``most`` effects at most; ``known``: contenders to start from.
+    go. **Arguments:** ``most`` effects at most.
     """
-    table: Known = dict(known or {})
+    table: Known = {}
     start = settle(contest, [NOTHING], table, _wide(contest, table))
     contest = with_floor(contest, start.contenders[NOTHING], start.noise)
     table.update(start.contenders)
@@ -89,13 +89,17 @@ def select(contest: Contest, most: int, *, known: Known | None = None, progress:
         if none >= DETECTED or alone * DETECTED < none * (1.0 - DETECTED) or len(present) >= most:
             return _told(contest, most, present, small, table, seen)
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
-        if len(small) < MOST_SMALL and not matters(contest, table[present | small | {added}], added):
+        if not matters(contest, table[present | small | {added}], added):
+            if len(small) >= MOST_SMALL:
+                return _told(contest, most, present, small, table, seen)
             small |= {added}
             present, noise = _pruned(contest, present, small, table, race.noise)
             continue
         chosen, noise = present | {added}, race.noise
         if noise.allowance > contest.floor.allowance or len(chosen) > 1:
-            chosen, noise = _refined(contest, chosen, small, race, table)
+            chosen, noise = _refined(contest, chosen, small, race, table, most)
+            slight = frozenset(name for name in chosen if not matters(contest, table[chosen | small], name))
+            chosen, small = chosen - slight, small | slight
         if chosen in tried:
             return _told(contest, most, present, small, table, seen)
         present = chosen
@@ -114,7 +118,7 @@ def forward(contest: Contest, base: Effects, table: Known, noise: Noise) -> Race
     return settle(contest, hypotheses, table, noise)
 
 
-def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, table: Known) -> tuple[Effects, Noise]:
+def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, table: Known, most: int) -> tuple[Effects, Noise]:
     """The best of all one-for-one swaps and all pairs of the best eight, less what is not needed."""
     before = min(race.contenders, key=len)
     best = [r.effect for r in ranking(contest, race, before) if r.effect != "none"][:PAIRED]
@@ -123,7 +127,7 @@ def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, tabl
         rest = (chosen | small) - {gone}
         pool += [rest, *(rest | {name} for name in contest.candidates if name not in rest)]
     pool += [before | set(pair) for pair in itertools.combinations(best, 2)]
-    found = settle(contest, pool, table, race.noise)
+    found = settle(contest, [effects for effects in pool if len(effects - small) <= most], table, race.noise)
     table.update(found.contenders)
     return _pruned(contest, found.winner, small, table, found.noise)
 

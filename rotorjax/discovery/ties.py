@@ -20,8 +20,8 @@ SCALES = (1.0 / 3.0, 3.0)
 """Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
 NEAR = 15.0
 """Log evidence behind the winner up to which the repetition is worth it."""
-AS_GOOD = 1.0
-"""Cost up to which a larger set is said to fit no better than the one that it contains."""
+AS_GOOD = 2.0
+"""Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
 TRIED_PAIRS = 5
 """Best replacements of an effect of which pairs are tried in its place."""
 DETERMINED = 1.5
@@ -74,7 +74,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         gone, instead = answer - other.effects, other.effects - answer
         gap = winner.log_evidence - other.log_evidence
         alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other)
-        if gap > 0.0 and _determined(other.best) > _determined(winner.best) and other.best.cost > winner.best.cost - AS_GOOD:
+        if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
             if len(instead) <= len(gone):
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads:

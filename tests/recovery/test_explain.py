@@ -12,6 +12,7 @@ import pytest
 from rotorjax import Explanation, effects, explain
 from rotorjax.answer import explanation_json, explanation_text, sentence
 from rotorjax.discovery import descent
+from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.effects import CATALOG
 
 
@@ -159,3 +160,54 @@ def test_a_part_that_has_no_share_is_named_small():
     assert found.effects == ()
     assert [small.effect for small in found.detected_but_small] == ["runout"]
     assert found.verdict == "nothing missing"
+
+
+def half_order_data(signs: np.ndarray, *, size: float = 30e-6):
+    """A runout at 1/2X that a once-per-turn reference shows with any sign."""
+    model, measurement, _ = hidden.sufficient(effects.MassError, seed=11, hidden=False)
+    orders = (0.5, 1.0)
+    rng = np.random.default_rng(2)
+    shape = measurement.vectors.shape[:2]
+    half = size * np.array([1.0, 0.5 - 0.4j]) + 0.3e-6 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    vectors = np.concatenate([(signs[:, None] * half)[..., None], measurement.vectors], axis=2)
+    present, sigma = np.ones(vectors.shape, bool), np.full(vectors.shape, 0.3e-6)
+    return model.with_orders(orders), dataclasses.replace(measurement, orders=orders, vectors=vectors, present=present, sigma=sigma)
+
+
+def test_signs_of_half_orders_change_nothing():
+    one = explain(*half_order_data(np.ones(8)))
+    other = explain(*half_order_data(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0])))
+    assert one.effects == other.effects == ("runout",)
+    assert one.p_value == other.p_value
+    assert one.verdict == other.verdict == "explained"
+
+
+def test_half_orders_alone():
+    model, measurement = half_order_data(np.ones(8), size=3e-6)
+    alone = dataclasses.replace(
+        measurement, orders=(0.5,), vectors=measurement.vectors[..., :1], present=measurement.present[..., :1], sigma=measurement.sigma[..., :1]
+    )
+    assert explain(model.with_orders((0.5,)), alone, thorough=False).effects == ("runout",)
+
+
+def test_limit_on_the_number_of_effects_is_kept_and_named():
+    model, measurement, (delay,) = hidden.sufficient(effects.TimeDelay, seed=5, factor=0.5)
+    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.unique(np.asarray(measurement.conditions.speed))))
+    z = hidden.measure(hidden.Machine(), plan, {"time_delay": [delay], "gyroscopic": [0.03]}, np.random.default_rng(5))
+    for most in (0, 1):
+        found = explain(model, dataclasses.replace(measurement, vectors=z), max_effects=most)
+        assert len(found.effects) == most
+        assert f"no more than {most} effects were to be added, and" in sentence(found)
+
+
+def test_a_tie_without_the_first_order():
+    """Twice per turn only: resonances are looked for at 1X all the same."""
+    model, measurement, _ = hidden.sufficient(effects.Misalignment, seed=2)
+    second = dataclasses.replace(
+        measurement, orders=(2.0,), vectors=measurement.vectors[..., 1:], present=measurement.present[..., 1:], sigma=measurement.sigma[..., 1:]
+    )
+    found = explain(model.with_orders((2.0,)), second, thorough=False)
+    assert "misalignment" in names_open(found)
+    other = found.ties.tied or found.ties.contains
+    end = other[0].contender.best if other else found.ties.winner.best
+    next_measurement(found.contest, found.noise, found.ties.winner.best, end, (("a",), ("b",)))
