@@ -184,6 +184,11 @@ def findings(story: Story) -> list[str]:
             lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
         if not last.converged:
             lines.append(f"The fit has not settled: {last.result}.")
+        lines += [
+            f"{e.entry.key}, declared uncertain, had to move by {abs(e.pull):.1f} of its standard deviations: the declaration or something else is wrong."
+            for e in last.estimates
+            if e.finding
+        ]
         if last.run_scatter != NO_SCATTER:
             lines.append(_scatter_line(story))
     return lines
