@@ -13,12 +13,11 @@ The data hide effects that the rig file does not have. Type, one after the other
   rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml
       where the model fails, in micrometres and in standard errors
 
-  rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml --effect residual_unbalance
-      add an effect by name: fitted, with the error before and after
+  rotorjax explain {folder}/measurement.csv --rig {folder}/rig.toml --report {folder}/report.html --write-rig {folder}/fitted.toml
+      which effects are missing, how sure that is, what cannot be told apart; a report with pictures, and the fitted model as a rig file
 
-  rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml --effect residual_unbalance --effect cross_coupling \\
-      --report {folder}/report.html --write-rig {folder}/fitted.toml
-      a second one; a report with pictures, and the fitted model as a rig file
+  rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml --effect residual_unbalance
+      add an effect of your own choice by name: fitted, with the error before and after
 
   rotorjax diagnose {folder}/measurement.csv --rig {folder}/fitted.toml --reference baseline
       unbalance and bow of every run; what the baseline has is inherent and taken off the others
