@@ -9,11 +9,13 @@ command reads: only `experiments/stories.py` opens it, after the tool has answer
 import argparse
 from pathlib import Path
 
-import hidden
+import jax
 import numpy as np
 
 from rotorjax import Jeffcott
 from rotorjax.effects import CATALOG
+
+import hidden
 
 SEED, CASES = 2565, 6
 RUNS = ("baseline", "trial-a", "trial-b")
@@ -66,6 +68,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("truth", type=Path)
     arguments = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
     truth = ["# What is hidden in rotorjax/data/hidden, in SI, in the order of the catalogue page. Never read by the tool."]
     for case in range(1, CASES + 1):
         rng = np.random.default_rng([SEED, case])

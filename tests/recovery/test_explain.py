@@ -3,7 +3,6 @@
 import dataclasses
 import json
 
-import hidden
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,8 @@ from rotorjax.discovery import descent
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Uncertain
+
+import hidden
 
 
 def names_open(found: Explanation) -> set[str]:

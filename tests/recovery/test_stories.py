@@ -11,6 +11,8 @@ from rotorjax import explain, read_measurement, read_rig
 from rotorjax.answer import explanation_json, notes, sentence
 from rotorjax.io.rig import Rig
 
+import make_hidden
+
 TRUTH = tomllib.loads((Path(__file__).parents[2] / "experiments" / "hidden_truth.toml").read_text(encoding="utf-8"))
 
 
@@ -83,3 +85,15 @@ def test_the_paper_with_scatter_allowed():
     assert 90.0 < ratios[0] < 190.0
     assert 30.0 < ratios[1] < 75.0
     assert "cannot tell residual_bow from chain_gain" in sentence(found)
+
+
+def test_the_hidden_cases_are_those_that_were_drawn(tmp_path, monkeypatch):
+    """Drawn anew by seed and integrated anew, the tables and the truth are the ones that are shipped."""
+    monkeypatch.setattr("sys.argv", ["make_hidden", str(tmp_path), str(tmp_path / "truth.toml")])
+    make_hidden.main()
+    assert tomllib.loads((tmp_path / "truth.toml").read_text(encoding="utf-8")) == TRUTH
+    with as_file(files("rotorjax") / "data" / "hidden") as shipped:
+        for case in TRUTH:
+            assert (tmp_path / case / "rig.toml").read_text() == (shipped / case / "rig.toml").read_text()
+            columns = [np.genfromtxt(folder / case / "measurement.csv", delimiter=",", skip_header=1, usecols=(1, 4, 5)) for folder in (tmp_path, shipped)]
+            np.testing.assert_allclose(*columns, rtol=1e-5, atol=1e-3)
