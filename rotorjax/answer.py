@@ -6,6 +6,7 @@ from typing import Any
 from rotorjax._core import CONVERGED, MICROMETRE
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.noise import NO_SCATTER
+from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked
 from rotorjax.discovery.ties import Alternative
 from rotorjax.report import Page, Picture, findings, measurement_line, share_table, step_json, step_tables, view_json, worst_cells
@@ -15,6 +16,8 @@ SHOWN = 6
 """Effects shown in a ranking."""
 SLIGHT = 0.05
 """Share of what was measured below which an unexplained rest may be a question of the declared noise."""
+ALIKE = 1.0
+"""Standard errors rms up to which two predictions are the same within the noise."""
 MOST_CONTAINS = 3
 """Larger sets named as containing the answer."""
 
@@ -96,6 +99,7 @@ def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     lines = []
     lines += _same_bow(found)
+    lines += [line for line in [_apart(found)] if line]
     lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
     if found.next_measurement is not None:
         n = found.next_measurement
@@ -132,6 +136,15 @@ def _same_bow(found: Explanation) -> list[str]:
     ]
 
 
+def _apart(found: Explanation) -> str | None:
+    """Which ties predict something else than the answer, and still do as well."""
+    differing = [t for t in found.ties.tied if t.apart > ALIKE]
+    if not differing:
+        return None
+    each = [f"{listed(t.effects) or 'nothing'} by {number(t.apart, 2)}" for t in differing]
+    return f"Tied, though what they predict differs, in standard errors rms: {'; '.join(each)}. They miss elsewhere, not less."
+
+
 def _contains(other: Alternative) -> str:
     return f"{listed(other.effects)} contains {listed(other.instead_of)} and is not needed (log evidence {number(other.gap, 2)} behind)."
 
@@ -142,7 +155,7 @@ def ranking_tables(found: Explanation) -> list[Table]:
     for step, ranked in enumerate(found.rankings):
         there = [*found.effects[:step], *(small.effect for small in found.detected_but_small if step == len(found.effects))]
         beside = f"beside {listed(there)}" if there else "in the model as declared"
-        rows = [[r.effect, _probability(r.probability), number(r.log_evidence, 5), _rms(found, r)] for r in _shown(ranked)]
+        rows = [[r.effect, _probability(r.probability), number(r.log_evidence, 5), _chi2(found, r)] for r in _shown(ranked)]
         note = "" if step < len(found.effects) else _why_stopped(found, ranked)
         tables.append(Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note))
     return tables
@@ -165,7 +178,7 @@ def _probability(value: float) -> str:
     return f"{value:.4f}" if value >= 1e-4 else f"{value:.1e}" if value > 1e-99 else "0"
 
 
-def _rms(found: Explanation, ranked: Ranked) -> str:
+def _chi2(found: Explanation, ranked: Ranked) -> str:
     return number(found.chi2(ranked), 3)
 
 
@@ -212,6 +225,7 @@ def explanation_json(found: Explanation) -> dict[str, Any]:
         "steps": every,
         "ranking": _ranking_json(found, 0),
         "ties": found.ties.groups(),
+        "tied_predictions": [{"instead_of": list(t.instead_of), "effects": list(t.effects), "standardised_difference": t.apart} for t in found.ties.tied],
         "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
         "detected_but_small": [small._asdict() for small in found.detected_but_small],
         "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
@@ -248,5 +262,5 @@ def _near(found: Explanation, step: int) -> list[list[list[str]]]:
     """Effects that the next step could as well have begun with."""
     ranked = found.rankings[step]
     added = next((r for r in ranked if step < len(found.effects) and r.effect == found.effects[step]), ranked[0])
-    others = [[r.effect] for r in ranked if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < found.tie]
+    others = [[r.effect] for r in ranked if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE]
     return [[[added.effect], *others]] if others and added.effect != "none" else []

@@ -160,12 +160,17 @@ def _compare(options: argparse.Namespace) -> None:
         raise InputError(f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; leave it out")
     story = tell(rig.model, measurement, additions, fixed=fixed)
     print(comparison_text(story))
+    _write_outputs(options, rig, story.final_model, comparison_json(story), story, f"{options.data.name} against {options.rig.name}")
+
+
+def _write_outputs(options: argparse.Namespace, rig: "Rig", model: "Model", content: dict[str, Any], result: "Story | Explanation", title: str) -> None:
+    """The files that a comparison or an explanation was asked for."""
     if options.write_rig:
-        rig.write(options.write_rig, story.final_model)
+        rig.write(options.write_rig, model)
     if options.json:
-        _write_json(options.json, comparison_json(story))
+        _write_json(options.json, content)
     if options.report:
-        write_report(options.report, story, title=f"{options.data.name} against {options.rig.name}")
+        write_report(options.report, result, title=title)
         print(f"\nReport: {options.report}")
 
 
@@ -208,13 +213,7 @@ def _explain(options: argparse.Namespace) -> None:
     if shown:
         print("\r\x1b[K", end="", file=sys.stderr)
     print(explanation_text(found))
-    if options.write_rig:
-        rig.write(options.write_rig, found.model)
-    if options.json:
-        _write_json(options.json, explanation_json(found))
-    if options.report:
-        write_report(options.report, found, title=f"{options.data.name}: what {options.rig.name} lacks")
-        print(f"\nReport: {options.report}")
+    _write_outputs(options, rig, found.model, explanation_json(found), found, f"{options.data.name}: what {options.rig.name} lacks")
 
 
 def _effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:

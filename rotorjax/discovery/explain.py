@@ -17,7 +17,6 @@ from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
 from rotorjax.discovery.race import Contest, Effects, make_contest, misfit_left, race
-from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
@@ -74,11 +73,6 @@ class Explanation:
         """Whether some effects of the catalogue were not allowed to be missing."""
         given = {e.name for e in self.story.model.effects} | {e.effect for e in self.contest.space.entries if e.declared_uncertain}
         return bool({e.effect for e in self.contest.space.entries} - given - set(self.contest.candidates))
-
-    @property
-    def tie(self) -> float:
-        """Log evidence by which explanations must differ to be told apart."""
-        return TIE
 
     def bow_over_unbalance(self) -> dict[float, float]:
         """Speed [rpm] -> response to the installed bow over that to the installed unbalance; empty unless all runs carry the same bow."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from jaxtyping import Bool
 
 from rotorjax.discovery.descent import End, best_of, descend, make_folds, residual_vectors
 from rotorjax.discovery.race import Contest, Effects, contender_of
-from rotorjax.discovery.search import DETECTED, NOTHING, Selection
+from rotorjax.discovery.search import NOTHING, PAIRED, PRICE, Selection, neighbours
 
 WORTH_TRYING = 40.0
 """Log evidence behind the best on all data up to which an effect may win on a part of them."""
@@ -25,69 +26,116 @@ class HeldOut(NamedTuple):
 def held_out(contest: Contest, selection: Selection) -> HeldOut:
     """Leave out groups of runs or of speeds in turn; select effects and fit on the rest; predict what was left out.
 
-    Each fold makes its own choice at every step, under the noise of that step, among all effects that come near the
-    best on the whole data. Where it finds "none" probable it adds nothing.
+    Each fold makes its own choice at every step, swaps and pairs included, under the noise of that step, among all
+    effects that come near the best on the whole data. Where it finds "none" probable it adds nothing.
     """
     final = selection.known[selection.present].best
     folds, reason = make_folds(contest.measurement, np.einsum("cmp,cmq->cpq", final.local.slopes, final.local.slopes))
     if not len(folds):
         return HeldOut((None,) * len(selection.races), reason)
-    bases: list[Effects] = [NOTHING] * len(folds)
-    settled = [False] * len(folds)
+    chosen = _chosen(contest, selection, folds)
+    shown: list[Effects] = [NOTHING] * len(folds)
     errors = []
     for step in range(len(selection.races)):
-        last = step == len(selection.races) - 1
-        if last:
-            bases = [base | frozenset(selection.small) for base in bases]
-        ends = _fit_folds(contest, selection, step, folds, bases, alone=last)
-        data = contest.data(selection.races[step].noise, final.point)
-        squares, cells = 0.0, 0
-        for fold, left_out in enumerate(folds):
-            counted = contest.measurement.present & left_out[:, None, None]
-            residual = residual_vectors(ends[fold, bases[fold]].local.error, data)
-            squares, cells = squares + float(np.sum(np.abs(residual[counted]) ** 2)), cells + int(counted.sum())
-            if not (settled[fold] or last):
-                unknown = selection.races[step].noise.allowance > contest.floor.allowance
-                size = dataclasses.replace(contest, training=~left_out).independent_numbers() if unknown else None
-                bases[fold], settled[fold] = _next(contest, bases[fold], {e: end for (f, e), end in ends.items() if f == fold}, size)
-        errors.append(math.sqrt(squares / cells))
+        fits = _Folds(contest, selection, step, folds)
+        if step == len(selection.races) - 1:
+            shown = [own | frozenset(selection.small) for own in chosen]
+        fits.fit({fold: [now, *(now | {name} for name in chosen[fold] - now)] for fold, now in enumerate(shown)})
+        errors.append(fits.error(shown))
+        shown = [fits.best(fold, [now | {name} for name in chosen[fold] - now] or [now]) for fold, now in enumerate(shown)]
     return HeldOut(tuple(errors), "")
 
 
-def _fit_folds(
-    contest: Contest, selection: Selection, step: int, folds: Bool[np.ndarray, "fold case"], bases: list[Effects], *, alone: bool
-) -> dict[tuple[int, Effects], End]:
-    """Every fold's own set, and unless ``alone`` that with each effect worth trying, fitted to the rest: all in the same compiled calls."""
-    race = selection.races[step]
-    best = max(c.log_evidence for c in race.contenders.values())
-    smallest = min(race.contenders, key=len)
-    names = {name for effects, c in race.contenders.items() if c.log_evidence > best - WORTH_TRYING for name in effects - smallest}
-    names = set() if alone else names | set(selection.effects)
-    wanted = [(fold, base | extra) for fold, base in enumerate(bases) for extra in [NOTHING, *(frozenset([n]) for n in sorted(names - base))]]
-    near = {effects: _nearest(contest, selection, effects) for _, effects in wanted}
-    tasks = [(key, point) for key in wanted for point in near[key[1]]]
-    masks = np.stack([contest.free(effects) for (_, effects), _ in tasks])
-    training = np.stack([~folds[fold] for (fold, _), _ in tasks])
-    data = contest.data(race.noise, selection.known[selection.present].best.point)
-    ends = descend(contest.space, data, np.stack([p for _, p in tasks]), masks, training, manner=contest.manner())
-    found: dict[tuple[int, Effects], list[End]] = {}
-    for (key, _), end in zip(tasks, ends, strict=True):
-        found.setdefault(key, []).append(end)
-    return {key: best_of(group) for key, group in found.items()}
+def _chosen(contest: Contest, selection: Selection, folds: Bool[np.ndarray, "fold case"]) -> list[Effects]:
+    """The set that each fold selects, with as many steps as the selection on all data."""
+    chosen: list[Effects] = [NOTHING] * len(folds)
+    going = [True] * len(folds)
+    for step in range(len(selection.races) - 1):
+        fits = _Folds(contest, selection, step, folds)
+        names = fits.near()
+        fits.fit({fold: [own, *(own | {name} for name in names if name not in own)] for fold, own in enumerate(chosen) if going[fold]})
+        added = [fits.added(fold, own) if going[fold] else own for fold, own in enumerate(chosen)]
+        going = [now != own for now, own in zip(added, chosen, strict=True)]
+        chosen = fits.refined(names, chosen, added)
+    return chosen
 
 
-def _nearest(contest: Contest, selection: Selection, effects: Effects) -> list[np.ndarray]:
-    """Optima on all data to begin with: of the same set, or of the nearest one."""
-    if effects in selection.known:
-        return [end.point for end in selection.known[effects].ends[:2]]
-    nearest = min(selection.known, key=lambda other: (len(other ^ effects), -selection.known[other].log_evidence))
-    return [np.where(contest.free(effects), selection.known[nearest].best.point, contest.space.given_unknowns())]
+class _Folds:
+    """All folds at one step: their fits, and the choice that each makes."""
+
+    def __init__(self, contest: Contest, selection: Selection, step: int, folds: Bool[np.ndarray, "fold case"]) -> None:
+        self.contest, self.selection, self.folds, self.race = contest, selection, folds, selection.races[step]
+        self.data = contest.data(self.race.noise, selection.known[selection.present].best.point)
+        self.ends: list[dict[Effects, End]] = [{} for _ in folds]
+
+    def near(self) -> list[str]:
+        """The effects that come near the best on the whole data, and those of the answer."""
+        best = max(c.log_evidence for c in self.race.contenders.values())
+        smallest = min(self.race.contenders, key=len)
+        close = (effects - smallest for effects, c in self.race.contenders.items() if c.log_evidence > best - WORTH_TRYING)
+        return sorted({name for names in close for name in names} | set(self.selection.effects))
+
+    def fit(self, wanted: Mapping[int, Iterable[Effects]]) -> None:
+        """Fit sets of effects to the rest of each fold, all in the same compiled calls."""
+        keys = [(fold, effects) for fold, sets in wanted.items() for effects in sets if effects not in self.ends[fold]]
+        tasks = [(fold, effects, point) for fold, effects in keys for point in self._starts(effects)]
+        if not tasks:
+            return
+        masks = np.stack([self.contest.free(effects) for _, effects, _ in tasks])
+        training = np.stack([~self.folds[fold] for fold, _, _ in tasks])
+        found = descend(self.contest.space, self.data, np.stack([point for *_, point in tasks]), masks, training, manner=self.contest.manner())
+        for (fold, effects, _), end in zip(tasks, found, strict=True):
+            self.ends[fold][effects] = best_of([end, *([self.ends[fold][effects]] if effects in self.ends[fold] else [])])
+
+    def _starts(self, effects: Effects) -> list[np.ndarray]:
+        """Optima on all data to begin with: of the same set, or of the nearest one."""
+        known = self.selection.known
+        if effects in known:
+            return [end.point for end in known[effects].ends[:2]]
+        nearest = min(known, key=lambda other: (len(other ^ effects), -known[other].log_evidence))
+        return [np.where(self.contest.free(effects), known[nearest].best.point, self.contest.space.given_unknowns())]
+
+    def error(self, bases: list[Effects]) -> float:
+        """Root mean square |residual| of each fold's own set on what was left out [m]."""
+        squares, cells = 0.0, 0
+        for fold, left_out in enumerate(self.folds):
+            counted = self.contest.measurement.present & left_out[:, None, None]
+            residual = residual_vectors(self.ends[fold][bases[fold]].local.error, self.data)
+            squares, cells = squares + float(np.sum(np.abs(residual[counted]) ** 2)), cells + int(counted.sum())
+        return math.sqrt(squares / cells)
+
+    def scores(self, fold: int) -> dict[Effects, float]:
+        """Log evidence plus log prior odds of everything fitted to a fold's rest."""
+        unknown = self.race.noise.allowance > self.contest.floor.allowance
+        size = dataclasses.replace(self.contest, training=~self.folds[fold]).independent_numbers() if unknown else None
+        return {e: contender_of(e, [end], size).log_evidence + self.contest.log_odds(e) for e, end in self.ends[fold].items()}
+
+    def best(self, fold: int, sets: Iterable[Effects]) -> Effects:
+        """The most probable of some sets that were fitted."""
+        scores = self.scores(fold)
+        return max(sets, key=lambda effects: scores[effects])
+
+    def added(self, fold: int, own: Effects) -> Effects:
+        """A fold's set with what it adds: the same if it adds nothing."""
+        scores = self.scores(fold)
+        best = max(scores, key=lambda effects: scores[effects])
+        return own if scores[best] - scores[own] < PRICE else best
+
+    def refined(self, names: list[str], before: list[Effects], added: list[Effects]) -> list[Effects]:
+        """For each fold the best of all swaps in the set with what was added and of all pairs, less what is not needed."""
+        pools = {}
+        for fold, (own, now) in enumerate(zip(before, added, strict=True)):
+            if now != own and (len(now) > 1 or self.race.noise.allowance > self.contest.floor.allowance):
+                scores = self.scores(fold)
+                best = sorted((name for name in names if name not in own), key=lambda name: -scores[own | {name}])[:PAIRED]
+                pools[fold] = [e for e in neighbours(names, own, now, best) if len(e) <= self.selection.most]
+        self.fit(pools)
+        return [_pruned(self.scores(fold)) if fold in pools else now for fold, now in enumerate(added)]
 
 
-def _next(contest: Contest, base: Effects, ends: dict[Effects, End], unknown_noise: int | None) -> tuple[Effects, bool]:
-    """What a fold adds, and whether it has nothing more to add."""
-    scores = {e: contender_of(e, [end], unknown_noise).log_evidence + contest.log_odds(e - base) for e, end in ends.items()}
+def _pruned(scores: dict[Effects, float]) -> Effects:
+    """The best set, less what can be left out at no more than the price of a detection."""
     best = max(scores, key=lambda effects: scores[effects])
-    if best == base or scores[best] - scores[base] < math.log((1.0 - DETECTED) / DETECTED):
-        return base, True
-    return best, False
+    while smaller := [e for e in scores if e < best and len(e) == len(best) - 1 and scores[best] - scores[e] <= PRICE]:
+        best = max(smaller, key=lambda effects: scores[effects])
+    return best

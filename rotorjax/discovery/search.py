@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from rotorjax.discovery.race import Contender, Contest, Effects, Known, Race, se
 
 DETECTED = 0.05
 """Probability of "none" below which an effect counts as detected."""
+PRICE = math.log((1.0 - DETECTED) / DETECTED)
+"""The same in log odds."""
 MATTERS = 0.01
 """Share of the rms response that an effect must change to matter."""
 PAIRED = 8
@@ -122,14 +124,23 @@ def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, tabl
     """The best of all one-for-one swaps and all pairs of the best eight, less what is not needed."""
     before = min(race.contenders, key=len)
     best = [r.effect for r in ranking(contest, race, before) if r.effect != "none"][:PAIRED]
-    pool: list[Effects] = [chosen | small]
-    for gone in chosen:
-        rest = (chosen | small) - {gone}
-        pool += [rest, *(rest | {name} for name in contest.candidates if name not in rest)]
-    pool += [before | set(pair) for pair in itertools.combinations(best, 2)]
+    pool = neighbours(contest.candidates, before, chosen | small, best, kept=small)
     found = settle(contest, [effects for effects in pool if len(effects - small) <= most], table, race.noise)
     table.update(found.contenders)
     return _pruned(contest, found.winner, small, table, found.noise)
+
+
+def neighbours(candidates: Iterable[str], before: Effects, chosen: Effects, best: list[str], *, kept: Effects = NOTHING) -> list[Effects]:
+    """A set, all its one-for-one swaps and what it is without each part, and the set before with every pair of the best.
+
+    **Arguments:** ``kept``: effects of the set that are not swapped.
+    """
+    pool: list[Effects] = [chosen]
+    for gone in sorted(chosen - kept):
+        rest = chosen - {gone}
+        pool += [rest, *(rest | {name} for name in candidates if name not in rest)]
+    pool += [before | set(pair) for pair in itertools.combinations(best, 2)]
+    return list(dict.fromkeys(pool))
 
 
 def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, noise: Noise) -> tuple[Effects, Noise]:
@@ -142,7 +153,7 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
         noise = again.noise
         gain = {name: again.log_posterior(contest, winner) - again.log_posterior(contest, rest) for name, rest in without.items()}
         least = min(gain, key=lambda name: gain[name])
-        if gain[least] > math.log((1.0 - DETECTED) / DETECTED):
+        if gain[least] > PRICE:
             break
         winner = without[least]
     return winner - small, noise

@@ -9,11 +9,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from rotorjax.discovery.descent import End
+from rotorjax._core import numpy_pair
+from rotorjax.discovery.descent import End, half_order_sign, predict
 from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
+from rotorjax.measurement import is_half_order
 from rotorjax.model import Effect
 
 SCALES = (1.0 / 3.0, 3.0)
@@ -36,6 +38,8 @@ class Alternative(NamedTuple):
     gap: float
     """Log evidence that it lacks."""
     contender: Contender
+    apart: float
+    """Root mean square difference of its predictions from the answer's, in standard errors of the measured cells."""
 
 
 class Ties(NamedTuple):
@@ -57,8 +61,9 @@ class Ties(NamedTuple):
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3. One
-    with more determined parameters that fits no better contains the answer: that is no tie.
+    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3. Whether
+    it then predicts the same, or differs and fits no worse, is told with it. One with more determined parameters that
+    fits no better contains the answer: that is no tie.
     """
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)
@@ -73,7 +78,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
         gap = winner.log_evidence - other.log_evidence
-        alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other)
+        alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other, _apart(contest, noise, winner.best, other.best))
         if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
             if len(instead) <= len(gone):
                 contains.append(alternative)
@@ -102,6 +107,16 @@ def _simplest(tied: list[Alternative]) -> tuple[Alternative, ...]:
     for other in ranked:
         excess.setdefault(other.instead_of, len(other.effects) - len(other.instead_of))
     return tuple(other for other in ranked if len(other.effects) - len(other.instead_of) == excess[other.instead_of])
+
+
+def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:
+    """Root mean square difference of two predictions in standard errors, over the measured cells."""
+    m = contest.measurement
+    weight = m.weights(noise.allowance)
+    here, there = (numpy_pair(z) for z in predict(contest.space, m.conditions, np.stack([one.point, other.point])))
+    sign = half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders]))
+    gap = weight * (here - np.asarray(sign) * there)
+    return float(np.sqrt(np.mean(gap[weight > 0.0] ** 2))) if np.any(weight) else 0.0
 
 
 def _determined(end: End) -> int:

@@ -41,6 +41,16 @@ def test_real_measurements(rk4):
     assert rk4.verdict == "unexplained"
 
 
+def test_ties_tell_whether_they_predict_the_same(rk4):
+    """An unbalance and a bow move the RK4 vectors alike; what ties with other predictions is named with its distance."""
+    apart = {tuple(t["effects"]): t["standardised_difference"] for t in explanation_json(rk4)["tied_predictions"]}
+    assert set(apart) == {other.effects for other in rk4.ties.tied}
+    assert all(value >= 0.0 for value in apart.values())
+    bow = next(other for other in rk4.ties.tied if other.effects == ("residual_bow",))
+    shown, own = bow.contender.best.local.error, rk4.ties.winner.best.local.error
+    assert apart["residual_bow",] == pytest.approx(np.sqrt(np.mean((shown - own) ** 2)), rel=0.1)
+
+
 def test_scatter_between_mountings_is_quantified(rk4):
     scatter = explanation_json(rk4)["run_scatter"]
     assert scatter["unbalance_g_mm"] == pytest.approx(1.4, abs=0.3)
