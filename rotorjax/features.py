@@ -1,0 +1,105 @@
+"""The paper's four features of one speed, the linear map from faults to them, and its exact inverse.
+
+u(t) = f1 cos Ωt + f2 sin Ωt, v(t) = f3 cos Ωt + f4 sin Ωt; with vibration vectors z (displacement Re[z e^{iΩt}])
+z_x = f1 - i f2, z_y = f3 - i f4. A fault is the vector m = (U_x, U_y, s_x, s_y) of unbalance [kg m] and bow [m];
+f = J(Ω) m. Source: Huang et al. 2026, Sensors 26:2565, equations 1-14, corrected (see paper_tables/README.md).
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from rotorjax._core import DEGREE, GRAM_MILLIMETRE, RPM, AnyArray, Numbers
+from rotorjax.model import Conditions, Layout, Model
+from rotorjax.response import vectors
+from rotorjax.rotor import Jeffcott
+
+SINGULAR = 1e10
+"""Condition number, in units of the columns' sizes, from which a map counts as singular."""
+
+
+class FaultValues(NamedTuple):
+    """Faults as the paper prints them, every entry an array of one shape or a number."""
+
+    unbalance_g_mm: AnyArray | float
+    unbalance_angle_deg: AnyArray | float
+    bow_mm: AnyArray | float
+    bow_angle_deg: AnyArray | float
+
+
+def components(values: FaultValues) -> Float[np.ndarray, "*case 4"]:
+    """(U cos α, U sin α, s cos θ, s sin θ) in kg m and m."""
+    unbalance = np.asarray(values.unbalance_g_mm) * GRAM_MILLIMETRE
+    bow = np.asarray(values.bow_mm) * 1e-3
+    alpha, theta = np.asarray(values.unbalance_angle_deg) * DEGREE, np.asarray(values.bow_angle_deg) * DEGREE
+    return np.stack([unbalance * np.cos(alpha), unbalance * np.sin(alpha), bow * np.cos(theta), bow * np.sin(theta)], axis=-1)
+
+
+def fault_values(faults: Float[AnyArray, "*case 4"]) -> FaultValues:
+    """Magnitudes in g mm and mm, angles in degrees from 0 to 360."""
+    m = np.asarray(faults)
+    unbalance, bow = m[..., 0] + 1j * m[..., 1], m[..., 2] + 1j * m[..., 3]
+    return FaultValues(
+        np.abs(unbalance) / GRAM_MILLIMETRE, np.degrees(np.angle(unbalance)) % 360.0, np.abs(bow) * 1e3, np.degrees(np.angle(bow)) % 360.0
+    )
+
+
+def probe_model(rotor: Jeffcott) -> Model:
+    """The rotor with one probe along x and one along y, 1X only."""
+    return Model(rotor, layout=Layout(probes=("X", "Y"), orders=(1.0,)))
+
+
+def features(z: Float[AnyArray, "*case 2"] | AnyArray) -> Float[np.ndarray, "*case 4"]:
+    """(f1, f2, f3, f4) of vibration vectors along x and y, shape (..., 2), complex [m]."""
+    z = np.asarray(z)
+    return np.stack([z[..., 0].real, -z[..., 0].imag, z[..., 1].real, -z[..., 1].imag], axis=-1)
+
+
+def vectors_of(f: Float[AnyArray, "*case 4"]) -> np.ndarray:
+    """Vibration vectors along x and y of features, shape (..., 2), complex [m]."""
+    f = np.asarray(f)
+    return np.stack([f[..., 0] - 1j * f[..., 1], f[..., 2] - 1j * f[..., 3]], axis=-1)
+
+
+def fault_features(rotor: Jeffcott, speed: Float[AnyArray, ""], fault: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+    """Features [m] of one fault at one speed [rad/s], for vmap and derivatives."""
+    condition = Conditions(jnp.reshape(speed, (1,)), jnp.reshape(fault[:2], (1, 1, 2)), jnp.reshape(fault[2:], (1, 2)))
+    z = vectors(probe_model(rotor), condition)[0, :, 0]
+    return jnp.stack([z[0].real, -z[0].imag, z[1].real, -z[1].imag])
+
+
+@eqx.filter_jit
+def _maps(rotor: Jeffcott, speeds: Float[Array, "speed"]) -> Float[Array, "speed 4 4"]:
+    at = jax.vmap(lambda speed: jax.vmap(lambda fault: fault_features(rotor, speed, fault), out_axes=1)(jnp.eye(4)))
+    return at(speeds)
+
+
+def feature_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "speed 4 4"]:
+    """J at each speed: f = J m, in m per kg m (first two columns) and m per m."""
+    return np.asarray(_maps(rotor, jnp.atleast_1d(jnp.asarray(speed_rpm, float)) * RPM))
+
+
+def inverse_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "4 cell"]:
+    """The least-squares inverse at one speed or at several jointly: m = inverse @ concatenated features.
+
+    **Errors.** ``ValueError`` where the map is singular: with equal axes one speed cannot tell an unbalance from a bow.
+    """
+    stacked = feature_map(rotor, speed_rpm).reshape(-1, 4)
+    size = np.linalg.norm(stacked, axis=0)
+    if not np.all(np.isfinite(stacked)) or np.linalg.cond(stacked / size) > SINGULAR:
+        raise ValueError(
+            f"unbalance and bow cannot be told apart at {', '.join(f'{float(s):g}' for s in np.atleast_1d(np.asarray(speed_rpm)))} rpm: "
+            "the axes are equally stiff there and the map is singular; measure at a second speed and give both"
+        )
+    return np.linalg.pinv(stacked / size, rcond=1e-15) / size[:, None]
+
+
+def feature_covariance(rotor: Jeffcott, speed_rpm: Numbers, noise: float) -> Float[np.ndarray, "4 4"]:
+    """Covariance of the faults found by least squares from features with independent noise of this standard error [m]."""
+    inverse = inverse_map(rotor, speed_rpm)
+    return noise**2 * inverse @ inverse.T
