@@ -15,6 +15,10 @@ latent   random component of a run (scatter of unbalance and bow)
 start    starting point of a fit
 fold     fold of a cross-validation
 free     entry of a parameter vector that is fitted
+sample   one training case, or one sample of a record
+feature  input of a network: f1, f2, f3, f4
+target   output of a network: U_x, U_y, s_x, s_y
+hidden   neuron of a network's hidden layer
 ======== ==========================================================
 """
 

@@ -44,9 +44,7 @@ def fault_values(faults: Float[AnyArray, "*case 4"]) -> FaultValues:
     """Magnitudes in g mm and mm, angles in degrees from 0 to 360."""
     m = np.asarray(faults)
     unbalance, bow = m[..., 0] + 1j * m[..., 1], m[..., 2] + 1j * m[..., 3]
-    return FaultValues(
-        np.abs(unbalance) / GRAM_MILLIMETRE, np.degrees(np.angle(unbalance)) % 360.0, np.abs(bow) * 1e3, np.degrees(np.angle(bow)) % 360.0
-    )
+    return FaultValues(np.abs(unbalance) / GRAM_MILLIMETRE, np.degrees(np.angle(unbalance)) % 360.0, np.abs(bow) * 1e3, np.degrees(np.angle(bow)) % 360.0)
 
 
 def probe_model(rotor: Jeffcott) -> Model:
@@ -54,10 +52,10 @@ def probe_model(rotor: Jeffcott) -> Model:
     return Model(rotor, layout=Layout(probes=("X", "Y"), orders=(1.0,)))
 
 
-def features(z: Float[AnyArray, "*case 2"] | AnyArray) -> Float[np.ndarray, "*case 4"]:
+def features(z: AnyArray) -> Float[np.ndarray, "*case 4"]:
     """(f1, f2, f3, f4) of vibration vectors along x and y, shape (..., 2), complex [m]."""
-    z = np.asarray(z)
-    return np.stack([z[..., 0].real, -z[..., 0].imag, z[..., 1].real, -z[..., 1].imag], axis=-1)
+    x, y = np.asarray(z)[..., 0], np.asarray(z)[..., 1]
+    return np.stack([np.real(x), -np.imag(x), np.real(y), -np.imag(y)], axis=-1)
 
 
 def vectors_of(f: Float[AnyArray, "*case 4"]) -> np.ndarray:
@@ -70,7 +68,7 @@ def fault_features(rotor: Jeffcott, speed: Float[AnyArray, ""], fault: Float[Any
     """Features [m] of one fault at one speed [rad/s], for vmap and derivatives."""
     condition = Conditions(jnp.reshape(speed, (1,)), jnp.reshape(fault[:2], (1, 1, 2)), jnp.reshape(fault[2:], (1, 2)))
     z = vectors(probe_model(rotor), condition)[0, :, 0]
-    return jnp.stack([z[0].real, -z[0].imag, z[1].real, -z[1].imag])
+    return jnp.stack([jnp.real(z[0]), -jnp.imag(z[0]), jnp.real(z[1]), -jnp.imag(z[1])])
 
 
 @eqx.filter_jit
@@ -103,3 +101,14 @@ def feature_covariance(rotor: Jeffcott, speed_rpm: Numbers, noise: float) -> Flo
     """Covariance of the faults found by least squares from features with independent noise of this standard error [m]."""
     inverse = inverse_map(rotor, speed_rpm)
     return noise**2 * inverse @ inverse.T
+
+
+def checked_features(f: AnyArray) -> Float[np.ndarray, "*case 4"]:
+    """Features as an array. **Errors.** ``ValueError`` unless there are four to a case, all finite."""
+    values = np.asarray(f, float)
+    if values.ndim == 0 or values.shape[-1] != 4:
+        raise ValueError(f"features have shape {values.shape}: give f1, f2, f3, f4 along the last axis, in metres")
+    if not np.all(np.isfinite(values)):
+        case = np.argwhere(~np.isfinite(values))[0]
+        raise ValueError(f"feature f{case[-1] + 1}{f' of case {case[0]}' if len(case) > 1 else ''} is not finite: leave that case out")
+    return values

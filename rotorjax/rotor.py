@@ -66,3 +66,29 @@ class Jeffcott(AbstractRotor):
         """The rotor whose undamped critical speeds along x and y are these: k = M ω²."""
         stiffness = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2
         return cls(mass, stiffness, damping_ratio, **settings)  # pyright: ignore
+
+
+def in_series(*stiffnesses: Numbers) -> Float[Array, "*dof"]:
+    """Stiffness of springs one after the other, (Σ 1/k)⁻¹ [N/m]: a shaft in its bearings."""
+    return 1.0 / sum(1.0 / as_float(k) for k in stiffnesses)  # pyright: ignore
+
+
+def bearing_stiffness(*, critical_speed_rpm: Numbers, mass: Numbers, shaft_stiffness: Numbers) -> Float[Array, "*dof"]:
+    """Bearings' stiffness from a measured first critical speed: 1/k_b = 1/(M ω²) - 1/k_s [N/m].
+
+    **Errors.** ``ValueError`` where the critical speed is as high as that of the shaft in rigid bearings, or higher.
+    """
+    whole, shaft = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2, as_float(shaft_stiffness)
+    if not np.all(np.asarray(whole) < np.asarray(shaft)):
+        raise ValueError(f"M ω² = {np.max(np.asarray(whole)):.5g} N/m reaches the shaft's own stiffness: check mass, critical speed and shaft stiffness")
+    return 1.0 / (1.0 / whole - 1.0 / shaft)
+
+
+SHAFT_SHARE = 17.0 / 35.0
+"""Part of a simply supported uniform shaft's mass that moves with a disk at midspan, by Rayleigh's method with the static
+deflection line (Rao, Mechanical Vibrations, section 2.5)."""
+
+
+def effective_mass(disk: Numbers, shaft: Numbers) -> Float[Array, "*dof"]:
+    """Mass of a disk at midspan with its part of the shaft [kg]."""
+    return as_float(disk) + SHAFT_SHARE * as_float(shaft)

@@ -14,11 +14,14 @@ LAYERS = [
     {"effects"},
     {"rotor"},
     {"response"},
-    {"measurement", "io", "simulate"},
+    {"measurement", "io", "simulate", "features"},
+    {"signals", "dataset", "network"},
+    {"training", "compensation"},
     {"space"},
     {"inverse"},
     {"discovery"},
     {"plots", "report", "answer", "pictures", "catalogue", "data"},
+    {"paper"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
