@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= output
 
-.PHONY: install run test lint benchmark clean
+.PHONY: install run test lint benchmark paper notebooks clean
 
 install: $(VENV)/.installed
 
@@ -30,7 +30,17 @@ lint: $(VENV)/.tested
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 benchmark: $(VENV)/.tested
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[benchmark]"
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python benchmarks/dataset.py
+	$(BIN)/python benchmarks/training.py
+	$(BIN)/python experiments/train_network.py --output benchmarks/results
+
+paper: $(VENV)/.installed
+	$(BIN)/rotorjax paper --output paper_tables
+
+notebooks: $(VENV)/.tested
+	$(BIN)/jupyter-execute --inplace notebooks/*.ipynb
 
 clean:
 	rm -rf $(VENV) $(OUTPUT) build dist *.egg-info

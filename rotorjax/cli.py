@@ -87,6 +87,9 @@ def _parser() -> argparse.ArgumentParser:
     sub = command("effects", _effects, "the catalogue of effects, or one of them in full")
     sub.add_argument("name", nargs="?")
 
+    sub = command("paper", _paper, "every table and figure of Huang et al. 2026 (Sensors 26:2565), recomputed")
+    sub.add_argument("--output", type=Path, default=Path("paper_tables"), metavar="DIR", help="folder to write to (default: paper_tables)")
+
     sub = command("example", _example, "write a table, a rig file and what to type: a start for your own data")
     sub.add_argument("folder", type=Path, metavar="DIR")
     return parser
@@ -338,6 +341,20 @@ def _effects(options: argparse.Namespace) -> None:
         from rotorjax.io.section import nearest
 
         raise InputError(f"unknown effect {options.name!r}; {nearest(options.name, catalogue)}")
+
+
+def _paper(options: argparse.Namespace) -> None:
+    _compute()
+    from rotorjax.paper.pages import reproduce
+    from rotorjax.paper.study import Study
+
+    if options.output.exists() and not options.output.is_dir():
+        raise InputError(f"--output {options.output}: is a file; name a folder")
+    print(
+        reproduce(Study(progress=lambda line: print(f"{line} ...", file=sys.stderr)), options.output),
+        f"\nWritten to {options.output}: begin with README.md.",
+        sep="\n",
+    )
 
 
 def _example(options: argparse.Namespace) -> None:

@@ -20,7 +20,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from rotorjax._core import AnyArray, as_float, require_float64
-from rotorjax.features import checked_features, fault_values, inverse_map
+from rotorjax.features import checked_features, fault_table, inverse_map
 from rotorjax.rotor import Jeffcott
 
 Inverse = Callable[[Float[Array, "feature"]], Float[Array, "target"]]
@@ -66,21 +66,10 @@ def sizes(faults: Float[AnyArray, "4"]) -> Float[np.ndarray, "4"]:
 
 def value_errors(found: Float[AnyArray, "*case 4"], induced: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
     """(U %, α °, s %, θ °): magnitudes relative, angles by the shorter way round; not negative."""
-    got, true = fault_values(found), fault_values(induced)
-
-    def turn(one: AnyArray | float, other: AnyArray | float) -> np.ndarray:
-        return np.abs((np.asarray(one) - np.asarray(other) + 180.0) % 360.0 - 180.0)
-
-    def share(one: AnyArray | float, other: AnyArray | float) -> np.ndarray:
-        return 100.0 * np.abs(np.asarray(one) / np.asarray(other) - 1.0)
-
-    return np.stack(
-        [
-            share(got.unbalance_g_mm, true.unbalance_g_mm), turn(got.unbalance_angle_deg, true.unbalance_angle_deg),
-            share(got.bow_mm, true.bow_mm), turn(got.bow_angle_deg, true.bow_angle_deg),
-        ],
-        axis=-1,
-    )  # fmt: skip
+    got, true = fault_table(found), fault_table(induced)
+    turned = np.abs((got - true + 180.0) % 360.0 - 180.0)
+    share = 100.0 * np.abs(got / true - 1.0)
+    return np.stack([share[..., 0], turned[..., 1], share[..., 2], turned[..., 3]], axis=-1)
 
 
 def _checked(features: AnyArray, induced: AnyArray, jacobian: AnyArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,7 +134,7 @@ def incremental(
 
 def _relative(found: np.ndarray, induced: np.ndarray) -> np.ndarray:
     """Errors of (U, α, s, θ) as shares: of the magnitude, and of a right angle."""
-    return value_errors(found, induced) / np.array([100.0, 90.0, 100.0, 90.0])
+    return value_errors(found, np.broadcast_to(induced, found.shape)) / np.array([100.0, 90.0, 100.0, 90.0])
 
 
 def _errors_along(inverse: Inverse, f: np.ndarray, m: np.ndarray, j: np.ndarray, shifts: list[np.ndarray]) -> np.ndarray:

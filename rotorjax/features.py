@@ -47,6 +47,11 @@ def fault_values(faults: Float[AnyArray, "*case 4"]) -> FaultValues:
     return FaultValues(np.abs(unbalance) / GRAM_MILLIMETRE, np.degrees(np.angle(unbalance)) % 360.0, np.abs(bow) * 1e3, np.degrees(np.angle(bow)) % 360.0)
 
 
+def fault_table(faults: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
+    """(U [g mm], α [°], s [mm], θ [°]) along the last axis: `fault_values` as one array."""
+    return np.stack([np.asarray(value) for value in fault_values(faults)], axis=-1)
+
+
 def probe_model(rotor: Jeffcott) -> Model:
     """The rotor with one probe along x and one along y, 1X only."""
     return Model(rotor, layout=Layout(probes=("X", "Y"), orders=(1.0,)))
@@ -66,7 +71,7 @@ def vectors_of(f: Float[AnyArray, "*case 4"]) -> np.ndarray:
 
 def fault_features(rotor: Jeffcott, speed: Float[AnyArray, ""], fault: Float[AnyArray, "4"]) -> Float[Array, "4"]:
     """Features [m] of one fault at one speed [rad/s], for vmap and derivatives."""
-    condition = Conditions(jnp.reshape(speed, (1,)), jnp.reshape(fault[:2], (1, 1, 2)), jnp.reshape(fault[2:], (1, 2)))
+    condition = Conditions(jnp.reshape(jnp.asarray(speed), (1,)), jnp.reshape(jnp.asarray(fault)[:2], (1, 1, 2)), jnp.reshape(jnp.asarray(fault)[2:], (1, 2)))
     z = vectors(probe_model(rotor), condition)[0, :, 0]
     return jnp.stack([jnp.real(z[0]), -jnp.imag(z[0]), jnp.real(z[1]), -jnp.imag(z[1])])
 

@@ -59,11 +59,11 @@ class Range(eqx.Module):
         """Half the range."""
         return 0.5 * (self.high - self.low)
 
-    def scaled(self, values: Float[AnyArray, "*sample feature"]) -> Float[AnyArray, "*sample feature"]:
-        """Values in -1 to 1."""
+    def scaled(self, values: Float[Array, "feature"]) -> Float[Array, "feature"]:
+        """Values of one case in -1 to 1."""
         return (values - self.low) / self.half - 1.0
 
-    def unscaled(self, values: Float[AnyArray, "*sample feature"]) -> Float[AnyArray, "*sample feature"]:
+    def unscaled(self, values: Float[Array, "feature"]) -> Float[Array, "feature"]:
         """The inverse of `scaled`."""
         return (values + 1.0) * self.half + self.low
 
@@ -81,7 +81,7 @@ class FaultNetwork(eqx.Module):
 
     def __call__(self, features: Float[Array, "feature"]) -> Float[Array, "target"]:
         """Faults of one case."""
-        return jnp.asarray(self.outputs.unscaled(self.perceptron(jnp.asarray(self.inputs.scaled(features)))))
+        return self.outputs.unscaled(self.perceptron(self.inputs.scaled(features)))
 
     def diagnose(self, features: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
         """Faults of many cases. **Errors.** ``ValueError`` for features that are not finite or not four to a case."""

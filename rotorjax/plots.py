@@ -129,3 +129,82 @@ def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: 
     axes.legend(fontsize=8, loc="upper right")
     axes.grid(axis="y", alpha=0.3)
     return axes
+
+
+def error_cloud(axes: Axes, errors: Float[np.ndarray, "sample"], *, label: str, rms: float) -> Axes:
+    """Errors of one fault component case by case, with their root mean square as a band."""
+    axes.plot(np.arange(1, len(errors) + 1), errors, ".", color=COLOURS[0], markersize=2.0, rasterized=True)
+    axes.axhspan(-rms, rms, color=COLOURS[1], alpha=0.2, label=f"± rms, {rms:.2g}")
+    axes.set(xlabel="test case", ylabel=label, xlim=(0, len(errors) + 1))
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def waveform(axes: Axes, time: Float[np.ndarray, "sample"], displacement: Float[np.ndarray, "sample probe"], pulses: Float[np.ndarray, "_"]) -> Axes:
+    """Displacement of two probes over time, phase-reference pulses as vertical lines. In s and m."""
+    for k, name in enumerate("XY"):
+        axes.plot(1e3 * time, displacement[:, k] / MICROMETRE, "-", color=COLOURS[k], linewidth=1.0, label=name)
+    shown = pulses[(pulses >= time[0]) & (pulses <= time[-1])]
+    for k, pulse in enumerate(shown):
+        axes.axvline(1e3 * pulse, color="0.4", linestyle="--", linewidth=0.9, label="phase reference" if k == 0 else None)
+    axes.set(xlabel="time, ms", ylabel="displacement, µm", ylim=_with_room(displacement / MICROMETRE))
+    axes.legend(fontsize=8, loc="upper center", ncols=3)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def _with_room(values: np.ndarray) -> tuple[float, float]:
+    """Limits that leave room for a legend above."""
+    low, high = float(np.min(values)), float(np.max(values))
+    return low - 0.08 * (high - low), high + 0.25 * (high - low)
+
+
+def phase_picture(axes: Axes, angle_deg: Float[np.ndarray, "_"], mean: Float[np.ndarray, "_ probe"], scatter: Float[np.ndarray, "_ probe"]) -> Axes:
+    """Mean displacement over one revolution from pulse to pulse, with its scatter; each probe's peak marked."""
+    for k, name in enumerate("XY"):
+        m, s = mean[:, k] / MICROMETRE, scatter[:, k] / MICROMETRE
+        peak = angle_deg[int(np.argmax(m))]
+        axes.plot(angle_deg, m, "-", color=COLOURS[k], label=f"{name}, peak at {peak:.0f}°")
+        axes.fill_between(angle_deg, m - s, m + s, color=COLOURS[k], alpha=0.25, linewidth=0.0)
+        axes.axvline(peak, color=COLOURS[k], linestyle=":", linewidth=1.0)
+    axes.set(
+        xlabel="shaft angle after the phase reference, degrees",
+        ylabel="displacement, µm",
+        xlim=(0, 360),
+        xticks=range(0, 361, 45),
+        ylim=_with_room(mean / MICROMETRE),
+    )
+    axes.legend(fontsize=8, loc="upper center", ncols=2)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def convergence(axes: Axes, histories: dict[str, Float[np.ndarray, "step"]], *, tolerance: float) -> Axes:
+    """Largest relative error after every step, one line per method, on a logarithmic scale."""
+    for colour, (name, errors) in zip(COLOURS, histories.items(), strict=False):
+        axes.semilogy(np.arange(len(errors)), np.maximum(errors, 1e-16), "o-", color=colour, markersize=3.5, linewidth=1.1, label=name)
+    axes.axhline(tolerance, color="0.3", linestyle="--", linewidth=1.0, label=f"tolerance, {100.0 * tolerance:g} %")
+    axes.set(xlabel="step", ylabel="largest relative error of the four fault values")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def grouped_bars(axes: Axes, groups: list[str], series: dict[str, list[float]], *, ylabel: str) -> Axes:
+    """Bars side by side: one group per place, one colour per series, values on top."""
+    width = 0.8 / len(series)
+    at = np.arange(len(groups))
+    for k, (name, values) in enumerate(series.items()):
+        bars = axes.bar(at + (k - 0.5 * (len(series) - 1)) * width, values, width=0.92 * width, label=name, color=_SERIES[k % len(_SERIES)])
+        axes.bar_label(bars, fmt=lambda v: f"{v:.1f}", fontsize=7, padding=1)
+    axes.set_xticks(at, groups)
+    axes.set(ylabel=ylabel)
+    axes.margins(y=0.12)
+    axes.legend(fontsize=8)
+    axes.grid(axis="y", alpha=0.3)
+    return axes
+
+
+_SERIES = ("#9aa5b1", "#8fb8de", "#1b5e9c", "#f0a868", "#c8500a", "#2e7d4f")
+"""Fills for bars: grey for nothing done, then pairs of light and dark."""

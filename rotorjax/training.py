@@ -9,7 +9,7 @@ weights that the data determine. JᵀJ is built from shared Gram matrices and ne
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -55,6 +55,7 @@ class Scaled(NamedTuple):
     target: Float[Array, "sample target"]
 
 
+@runtime_checkable
 class Method(Protocol):
     """A way to train: from scaled cases to weights."""
 
@@ -72,7 +73,7 @@ def train(data: Dataset, *, key: Array, method: Method | None = None, hidden: in
     """
     require_float64("training")
     inputs, outputs = Range.of(data.features, "features"), Range.of(data.faults, "faults")
-    scaled = Scaled(jnp.asarray(inputs.scaled(data.features)), jnp.asarray(outputs.scaled(data.faults)))
+    scaled = Scaled(jax.vmap(inputs.scaled)(jnp.asarray(data.features)), jax.vmap(outputs.scaled)(jnp.asarray(data.faults)))
     count = hidden * (scaled.x.shape[1] + 1) + scaled.target.shape[1] * (hidden + 1)
     if scaled.target.size < count:
         raise ValueError(f"{len(scaled.x)} cases hold fewer numbers than the network has weights ({count}): draw more cases, or take fewer neurons")
@@ -116,8 +117,8 @@ class Whitened:
         values, axes = jnp.linalg.eigh(jnp.cov(data.x.T))
         if not float(values[0]) > 1e-14 * float(values[-1]):
             raise ValueError("some features are linear combinations of others: the cases do not show all faults; draw them anew")
-        whiten = axes / jnp.sqrt(values)
-        white = data._replace(x=(data.x - mean) @ whiten)
+        whiten = axes / jnp.sqrt(values)[None]
+        white = data._replace(x=(data.x - mean[None]) @ whiten)
         inner = self.first_layer * jax.random.normal(key, (hidden, data.x.shape[1])) / math.sqrt(data.x.shape[1])
         start = _output_by_least_squares(
             Perceptron(inner, jnp.zeros(hidden), jnp.zeros((data.target.shape[1], hidden)), jnp.zeros(data.target.shape[1])), white
@@ -140,7 +141,7 @@ class OptaxL2:
         """Full-batch steps, all of them compiled in blocks of a hundred."""
         start = nguyen_widrow(key, data.x.shape[1], hidden, data.target.shape[1])
         optimiser = optax.lbfgs()
-        state, weights, history = optimiser.init(start), start, []
+        state, weights, history = optimiser.init(start), start, []  # pyright: ignore
         for block in range(0, self.steps, _BLOCK):
             weights, state, loss = _optax_block(weights, state, data, self.decay, optimiser)
             rms = _rms(weights, data)
@@ -190,7 +191,7 @@ def nguyen_widrow(key: Array, features: int, hidden: int, targets: int) -> Perce
 
 def _output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
     """The output layer that is best for this first layer; columns scaled, by QR or SVD and never by normal equations."""
-    design = np.concatenate([np.tanh(np.asarray(data.x @ perceptron.weight_in.T + perceptron.bias_in)), np.ones((len(data.x), 1))], axis=1)
+    design = np.concatenate([np.tanh(np.asarray(data.x @ perceptron.weight_in.T + perceptron.bias_in[None])), np.ones((len(data.x), 1))], axis=1)
     size = np.linalg.norm(design, axis=0)
     answer = np.linalg.lstsq(design / size, np.asarray(data.target), rcond=1e-13)[0] / size[:, None]
     return dataclasses.replace(perceptron, weight_out=jnp.asarray(answer[:-1].T), bias_out=jnp.asarray(answer[-1]))
@@ -225,8 +226,8 @@ def normal_equations(p: Perceptron, x: Float[Array, "sample feature"], target: F
     """
     hidden, features = p.weight_in.shape
     targets = p.weight_out.shape[0]
-    a = jnp.tanh(x @ p.weight_in.T + p.bias_in)
-    error = a @ p.weight_out.T + p.bias_out - target
+    a = jnp.tanh(x @ p.weight_in.T + p.bias_in[None])
+    error = a @ p.weight_out.T + p.bias_out[None] - target
     d = 1.0 - a * a
     ones = jnp.ones((len(x), 1))
     inputs, outer = jnp.concatenate([x, ones], axis=1), jnp.concatenate([a, ones], axis=1)
@@ -234,7 +235,7 @@ def normal_equations(p: Perceptron, x: Float[Array, "sample feature"], target: F
     pair = np.zeros((features + 1, features + 1), int)
     pair[k, m] = pair[m, k] = np.arange(len(k))
     products = ((inputs[:, k] * inputs[:, m])[:, :, None] * d[:, None, :]).reshape(len(x), -1)
-    between = (products.T @ d).reshape(len(k), hidden, hidden) * (p.weight_out.T @ p.weight_out)
+    between = (products.T @ d).reshape(len(k), hidden, hidden) * (p.weight_out.T @ p.weight_out)[None]
     cross = ((d[:, :, None] * inputs[:, None, :]).reshape(len(x), -1).T @ outer).reshape(hidden, features + 1, hidden + 1)
     first = jnp.transpose(between[pair], (2, 0, 3, 1)).reshape(hidden * (features + 1), -1)
     mixed = jnp.einsum("oj,jkh->jkoh", p.weight_out, cross).reshape(len(first), -1)

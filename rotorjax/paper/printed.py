@@ -22,13 +22,12 @@ INHERENT = {1500.0: "table08_inherent_1500rpm", 2500.0: "table09_inherent_2500rp
 
 def printed(name: str) -> list[dict[str, str]]:
     """Rows of one of the files in ``rotorjax/data/paper``."""
-    with (files("rotorjax.data") / "paper" / f"{name}.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return list(csv.DictReader((files("rotorjax.data") / "paper" / f"{name}.csv").read_text(encoding="utf-8").splitlines()))
 
 
 def rotor() -> Jeffcott:
     """The paper's rotor, with the effective mass that reproduces its printed natural frequencies (erratum 2)."""
-    return Jeffcott(0.9686, [56538.0, 51282.0], [0.0050, 0.0047])
+    return Jeffcott(0.9686, [56538.0, 51282.0], [0.0050, 0.0047])  # pyright: ignore
 
 
 class Printed(NamedTuple):
