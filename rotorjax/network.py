@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from rotorjax._core import AnyArray, as_float
 from rotorjax.features import checked_features
-from rotorjax.io.files import write_whole
+from rotorjax.io.files import read_text, write_whole
 
 FORMAT = "rotorjax network 1"
 
@@ -46,6 +46,8 @@ class Range(eqx.Module):
     def of(cls, data: Float[AnyArray, "sample feature"], what: str) -> "Range":
         """The range of data. **Errors.** ``ValueError`` for a column that is constant or not finite."""
         values = np.asarray(data)
+        if len(values) == 0:
+            raise ValueError(f"{what}: there are no cases; give at least two that differ")
         low, high = values.min(axis=0), values.max(axis=0)
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{what}: not all numbers are finite; leave those cases out")
@@ -96,12 +98,18 @@ class FaultNetwork(eqx.Module):
     @classmethod
     def load(cls, path: Path) -> "FaultNetwork":
         """Read what `save` wrote. **Errors.** ``ValueError`` for another file."""
+        text = read_text(path)
         try:
-            content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            content: dict[str, Any] = json.loads(text)
             if content.pop("format") != FORMAT:
                 raise KeyError("format")
             perceptron = Perceptron(*(content[name] for name in ("weight_in", "bias_in", "weight_out", "bias_out")))
             inputs, outputs = (Range(content[f"{side}_low"], content[f"{side}_high"]) for side in ("inputs", "outputs"))
+            hidden, features = perceptron.weight_in.shape
+            shapes = [np.shape(leaf) for leaf in (perceptron.bias_in, perceptron.weight_out, inputs.low, inputs.high, outputs.low, outputs.high)]
+            targets = perceptron.bias_out.shape
+            if shapes != [(hidden,), (*targets, hidden), (features,), (features,), targets, targets]:
+                raise ValueError("shapes do not fit together")
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise ValueError(f"{path}: not a network that rotorjax wrote ({error}); train it anew and save it") from error
         return cls(perceptron, inputs, outputs)

@@ -32,7 +32,7 @@ class Epoch(NamedTuple):
     """One accepted step."""
 
     rms: float
-    """Root mean square error in scaled targets, on the cases trained on."""
+    """Root mean square error in scaled targets, on the cases trained on; `Whitened` weighs each target by its own error."""
     effective: float
     """γ, the number of weights that the data determine."""
     alpha: float
@@ -99,8 +99,10 @@ class BayesianRegularisation:
 class Whitened:
     """Ours: whitened inputs, a small first layer, the output layer by linear least squares, then evidence steps.
 
-    Nearly linear neurons hold the linear part of the map, and their curvature what is not linear. The whitening is
-    folded into the first layer: what is returned takes the same inputs as the others.
+    For maps that are linear or weakly curved, as this one; for others take `BayesianRegularisation`. Nearly linear neurons
+    hold the linear part of the map, and their curvature what is odd and not linear. On noise-free data the least-squares
+    start meets the target as it is, and no evidence step is made. The whitening is folded into the first layer: what is
+    returned takes the same inputs as the others.
     """
 
     epochs: int = 100
@@ -114,7 +116,7 @@ class Whitened:
     def fit(self, data: Scaled, hidden: int, key: Array, progress: Progress) -> tuple[Perceptron, list[Epoch], str]:
         """Least squares, then evidence steps on whitened inputs."""
         mean = jnp.mean(data.x, axis=0)
-        values, axes = jnp.linalg.eigh(jnp.cov(data.x.T))
+        values, axes = jnp.linalg.eigh(jnp.atleast_2d(jnp.cov(data.x.T)))
         if not float(values[0]) > 1e-14 * float(values[-1]):
             raise ValueError("some features are linear combinations of others: the cases do not show all faults; draw them anew")
         whiten = axes / jnp.sqrt(values)[None]
@@ -123,11 +125,15 @@ class Whitened:
         start = _output_by_least_squares(
             Perceptron(inner, jnp.zeros(hidden), jnp.zeros((data.target.shape[1], hidden)), jnp.zeros(data.target.shape[1])), white
         )
+        unit = _noise_units(start, white)
         found, history, stopped = _evidence_steps(
-            start, white, _Steps(self.epochs, 1e-3, 1e10, scaled_damping=True, target=self.target, patience=self.patience), progress
+            dataclasses.replace(start, weight_out=start.weight_out / unit[:, None], bias_out=start.bias_out / unit),
+            white._replace(target=white.target / unit[None]),
+            _Steps(self.epochs, 1e-3, 1e10, scaled_damping=True, target=self.target, patience=self.patience),
+            progress,
         )
         weight = found.weight_in @ whiten.T
-        return Perceptron(weight, found.bias_in - weight @ mean, found.weight_out, found.bias_out), history, stopped
+        return Perceptron(weight, found.bias_in - weight @ mean, found.weight_out * unit[:, None], found.bias_out * unit), history, stopped
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,11 +196,30 @@ def nguyen_widrow(key: Array, features: int, hidden: int, targets: int) -> Perce
 
 
 def _output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
-    """The output layer that is best for this first layer; columns scaled, by QR or SVD and never by normal equations."""
+    """The output layer that is best for this first layer: least squares by SVD of the scaled columns, never by normal equations.
+
+    Each target takes as many singular directions, largest first, as its Bayesian information criterion n log RSS + k log n
+    (Schwarz 1978, Ann. Stat. 6:461-464) asks for: all of them would fit noise by weights of 1e9.
+    """
     design = np.concatenate([np.tanh(np.asarray(data.x @ perceptron.weight_in.T + perceptron.bias_in[None])), np.ones((len(data.x), 1))], axis=1)
     size = np.linalg.norm(design, axis=0)
-    answer = np.linalg.lstsq(design / size, np.asarray(data.target), rcond=1e-13)[0] / size[:, None]
+    left, values, right = np.linalg.svd(design / size, full_matrices=False)
+    left, values, right = (part[..., : np.sum(values > 1e-13 * values[0])] for part in (left, values, right.T))
+    target = np.asarray(data.target)
+    along = left.T @ target
+    gains = np.concatenate([np.cumsum(along[::-1] ** 2, axis=0)[::-1], np.zeros((1, target.shape[1]))])
+    squares = np.maximum(np.sum((target - left @ along) ** 2, axis=0) + gains, 1e-300)
+    directions = np.arange(len(values) + 1)[:, None]
+    rank = np.argmin(len(target) * np.log(squares) + directions * math.log(len(target)), axis=0)
+    answer = right @ (np.where(directions[:-1] < rank, along, 0.0) / values[:, None]) / size[:, None]
     return dataclasses.replace(perceptron, weight_out=jnp.asarray(answer[:-1].T), bias_out=jnp.asarray(answer[-1]))
+
+
+def _noise_units(perceptron: Perceptron, data: Scaled) -> Float[Array, "target"]:
+    """Each target's error beside that of all: in these units one β serves targets that the data determine unequally well."""
+    errors = jnp.sqrt(jnp.mean((jax.vmap(perceptron)(data.x) - data.target) ** 2, axis=0))
+    whole = jnp.sqrt(jnp.mean(errors**2))
+    return jnp.where(whole > 0.0, jnp.maximum(errors / whole, 1e-6), 1.0)
 
 
 class _Steps(NamedTuple):
