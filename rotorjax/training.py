@@ -122,9 +122,7 @@ class Whitened:
         whiten = axes / jnp.sqrt(values)[None]
         white = data._replace(x=(data.x - mean[None]) @ whiten)
         inner = self.first_layer * jax.random.normal(key, (hidden, data.x.shape[1])) / math.sqrt(data.x.shape[1])
-        start = _output_by_least_squares(
-            Perceptron(inner, jnp.zeros(hidden), jnp.zeros((data.target.shape[1], hidden)), jnp.zeros(data.target.shape[1])), white
-        )
+        start = output_by_least_squares(Perceptron(inner, jnp.zeros(hidden), jnp.zeros((data.target.shape[1], hidden)), jnp.zeros(data.target.shape[1])), white)
         unit = _noise_units(start, white)
         found, history, stopped = _evidence_steps(
             dataclasses.replace(start, weight_out=start.weight_out / unit[:, None], bias_out=start.bias_out / unit),
@@ -195,7 +193,7 @@ def nguyen_widrow(key: Array, features: int, hidden: int, targets: int) -> Perce
     )
 
 
-def _output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
+def output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
     """The output layer that is best for this first layer: least squares by SVD of the scaled columns, never by normal equations.
 
     Each target takes as many singular directions, largest first, as its Bayesian information criterion n log RSS + k log n

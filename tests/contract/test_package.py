@@ -17,6 +17,7 @@ LAYERS = [
     {"measurement", "io", "simulate", "features"},
     {"signals", "dataset", "network"},
     {"training", "compensation"},
+    {"conditioned"},
     {"space"},
     {"inverse"},
     {"discovery"},
