@@ -40,7 +40,7 @@ paper: $(VENV)/.installed
 	$(BIN)/rotorjax paper --output paper_tables
 
 notebooks: $(VENV)/.tested
-	$(BIN)/jupyter-execute --inplace notebooks/*.ipynb
+	$(BIN)/python notebooks/execute.py
 
 clean:
 	rm -rf $(VENV) $(OUTPUT) build dist *.egg-info

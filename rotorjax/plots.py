@@ -48,6 +48,7 @@ def bode(
         amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", color=colour, label=f"{run} measured")
         phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", color=colour)
         curve = curves[run] / MICROMETRE
+        curve = np.where(curve == 0.0, np.nan, curve)  # what is not driven has no phase
         amplitude.plot(speeds_rpm, np.abs(curve), "-", color=colour, linewidth=1.2, label=f"{run} model")
         angle = np.degrees(np.angle(curve))
         angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan

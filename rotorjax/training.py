@@ -19,6 +19,7 @@ import optax
 from jax import Array
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from rotorjax._core import AnyArray, require_float64
 from rotorjax.dataset import Dataset
@@ -285,6 +286,8 @@ def _rms(p: Perceptron, data: Scaled) -> float:
     return math.sqrt(float(_squares(p, data.x, data.target)) / data.target.size)
 
 
+# Threads of the linear algebra library and those of XLA, which take turns in every epoch, would wait for one another.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def _evidence_steps(start: Perceptron, data: Scaled, steps: _Steps, progress: Progress) -> tuple[Perceptron, list[Epoch], str]:
     """Levenberg-Marquardt on F = β E_D + α E_W with α and β set anew after every accepted step."""
     flat, unravel = ravel_pytree(start)

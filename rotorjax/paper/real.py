@@ -111,7 +111,7 @@ def real_data() -> Sheet:
     text = (
         "Root mean square error of the unbalance found in ten runs (B series) that were not used, by what eleven others (baseline and A series) teach, on measured vectors of an RK4 rotor kit "
         "(M. Nouioua, KFUPM, MIT licence). Slow roll was subtracted and the axes are declared equally stiff: a bow cannot be diagnosed and the paper's 4 x 4 map is singular, so that each reading gives the unbalance "
-        "alone, by least squares with the declared rotor. At the speed of the reference IFbC and IFC are the same. `joint least squares, physics` fits residual unbalance, phase reference and the values declared uncertain "
+        "alone, by least squares with the declared rotor. At the speed of the reference IFbC and IFC are nearly the same (the speed varies a little from run to run). `joint least squares, physics` fits residual unbalance, phase reference and the values declared uncertain "
         "to the reference runs (no knowledge of the tested ones), then diagnoses with that model and subtracts nothing else."
     )
     return Sheet("real_rk4", "The method on real data: RK4 rotor kit", text, ("percent_of_installed",), tuple(rows))
