@@ -26,7 +26,7 @@ def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tupl
 def svg(drawn: Figure) -> bytes:
     """A figure as SVG whose text stays text: the browser has glyphs that the drawing library's font lacks."""
     buffer = io.BytesIO()
-    with rc_context({"svg.fonttype": "none"}), warnings.catch_warnings():
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "rotorjax"}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")
         drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()

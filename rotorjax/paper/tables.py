@@ -346,7 +346,9 @@ def figure_10(study: Study) -> Sheet:
             honest = {scheme: values[k] for scheme, values in ours.items() if scheme == "none" or scheme.endswith("left out")}
             best = min(honest, key=lambda scheme: honest[scheme])
             best_printed = min(paper[k], key=lambda scheme: paper[k][scheme])
-            winners.append(f"{parameter} at {speed:.0f} rpm: {best.removesuffix(', left out')} ({honest[best]:.1f}; paper's best {best_printed}, {paper[k][best_printed]:.1f})")
+            winners.append(
+                f"{parameter} at {speed:.0f} rpm: {best.removesuffix(', left out')} ({honest[best]:.1f}; paper's best {best_printed}, {paper[k][best_printed]:.1f})"
+            )
             for scheme, values in ours.items():
                 value = paper[k].get(scheme)
                 good = value is not None and abs(value - values[k]) < 0.01
