@@ -34,7 +34,8 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python benchmarks/dataset.py
 	$(BIN)/python benchmarks/training.py
-	$(BIN)/python experiments/train_network.py --output benchmarks/results
+	$(BIN)/python experiments/train_network.py --no-times --output benchmarks/results
+	$(BIN)/python experiments/train_conditioned.py --output benchmarks/results
 
 paper: $(VENV)/.installed
 	$(BIN)/rotorjax paper --output paper_tables

@@ -27,7 +27,6 @@ from rotorjax.compensation import LinearInverse
 from rotorjax.dataset import Dataset, Split, make_dataset, split, with_noise
 from rotorjax.io.files import write_whole
 from rotorjax.paper.printed import printed, rotor
-from rotorjax.paper.study import through
 from rotorjax.paper.tables import READINGS
 from rotorjax.tables import number
 from rotorjax.training import BayesianRegularisation, Method, OptaxL2, Training, Whitened, rms_errors, train
@@ -106,7 +105,7 @@ def pairs(errors: np.ndarray) -> tuple[float, float]:
 
 def with_noisy_features(config: Config, seed: int, training: Training, test: Dataset) -> tuple[Noisy, ...]:
     """Errors of network and exact inverse at every level of noise."""
-    exact = through(LinearInverse.at(rotor(), config.speed_rpm))
+    exact = LinearInverse.at(rotor(), config.speed_rpm).diagnose
     found = []
     for k, level in enumerate(config.noises):
         key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), NOISE_KEY), k)
@@ -225,7 +224,7 @@ def page(config: Config, outcomes: Sequence[Outcome], times: bool) -> str:
             "## What noise leaves of it",
             "All errors above are on noise-free features. Here the test features have Gaussian noise of the given fraction of their half range; the last two "
             "columns are the error in units of that of the exact linear inverse on the same features, which no inverse of one speed can beat by much. The cure "
-            "is a second speed, not a better network.",
+            "for that is a second speed, not a better network.",
             noise_table(config, groups) + "\n",
         ]
     )
@@ -248,13 +247,17 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     config = Config(seeds=tuple(arguments.seeds), epochs=arguments.epochs)
     config = config.quick() if arguments.quick else config
-    arguments.output.mkdir(parents=True, exist_ok=True)
+    try:
+        arguments.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.exit(2, f"{arguments.output}: cannot be made a folder ({error.strerror}); give another\n")
     outcomes: list[Outcome] = []
     with tqdm(total=len(config.seeds) * sum(most for _, most in config.methods().values()), unit=" steps") as bar:
         for seed in config.seeds:
             outcomes += run(config, seed, bar)
             # After every seed: a run that is stopped leaves what it has.
             write(config, arguments.output, outcomes, not arguments.no_times)
+    print(page(config, outcomes, times=True))
     print(f"{len(outcomes)} trainings are in {arguments.output / 'training_seeds.md'} and {arguments.output / 'training_seeds.csv'}")
 
 

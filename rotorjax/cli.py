@@ -345,11 +345,10 @@ def _effects(options: argparse.Namespace) -> None:
 
 def _paper(options: argparse.Namespace) -> None:
     _compute()
-    from rotorjax.paper.pages import reproduce
+    from rotorjax.paper.pages import prepare, reproduce
     from rotorjax.paper.study import Study
 
-    if options.output.exists() and not options.output.is_dir():
-        raise InputError(f"--output {options.output}: is a file; name a folder")
+    prepare(options.output)
     print(
         reproduce(Study(progress=lambda line: print(f"{line} ...", file=sys.stderr)), options.output),
         f"\nWritten to {options.output}: begin with README.md.",

@@ -35,6 +35,10 @@ class LinearInverse(eqx.Module):
 
     matrix: Float[Array, "target feature"] = eqx.field(converter=as_float)
 
+    def diagnose(self, features: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
+        """Faults [kg m, kg m, m, m] of many cases. **Errors.** ``ValueError`` for features [m] that are not finite or not four to a case."""
+        return checked_features(features) @ np.asarray(self.matrix).T
+
     @classmethod
     def at(cls, rotor: Jeffcott, speed_rpm: float) -> "LinearInverse":
         """Of a rotor at a speed. **Errors.** ``ValueError`` where the map is singular (equal axes)."""
@@ -65,7 +69,12 @@ def sizes(faults: Float[AnyArray, "4"]) -> Float[np.ndarray, "4"]:
 
 
 def value_errors(found: Float[AnyArray, "*case 4"], induced: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
-    """(U %, α °, s %, θ °): magnitudes relative, angles by the shorter way round; not negative."""
+    """(U %, α °, s %, θ °): magnitudes relative to the induced ones, angles by the shorter way round; not negative.
+
+    **Arguments:** faults (..., 4) [kg m, kg m, m, m]. **Errors.** ``ValueError`` where nothing was induced.
+    """
+    if not np.all(np.abs(_rotating(induced)) > 0.0):
+        raise ValueError("a case has no induced unbalance or no induced bow: an error relative to nothing says nothing; leave that case out")
     got, true = fault_table(found), fault_table(induced)
     turned = np.abs((got - true + 180.0) % 360.0 - 180.0)
     share = 100.0 * np.abs(got / true - 1.0)
@@ -142,6 +151,7 @@ def _errors_along(inverse: Inverse, f: np.ndarray, m: np.ndarray, j: np.ndarray,
 
 
 def _apply(inverse: Inverse, features: AnyArray) -> Float[np.ndarray, "case 4"]:
+    require_float64("compensation")
     return np.asarray(_many(inverse, jnp.asarray(features)))
 
 
@@ -180,18 +190,27 @@ def average_fault(faults: Float[AnyArray, "case 4"], how: Average = "components"
 
 
 def ifbc(inverse: Inverse, features: Float[AnyArray, "case 4"], inherent: Inherent) -> Float[np.ndarray, "case 4"]:
-    """Inherent feature-based compensation: the diagnosis of features less the mean inherent features."""
+    """Inherent feature-based compensation: inverse(f - mean inherent features).
+
+    **Arguments:** ``features`` (case, 4) [m]. **Returns** faults (case, 4) [kg m, kg m, m, m]. **Errors.** ``ValueError`` in single
+    precision, or for features that are not finite. Source: Huang et al. 2026, Sensors 26:2565, section 3.
+    """
     shifted = checked_features(features) - np.mean(inherent.features, axis=0)
     return _apply(inverse, shifted)
 
 
 def ifc(inverse: Inverse, features: Float[AnyArray, "case 4"], inherent: Inherent, how: Average = "components") -> Float[np.ndarray, "case 4"]:
-    """Inherent fault compensation: the diagnosis less the mean inherent fault."""
+    """Inherent fault compensation: inverse(f) - mean inherent fault, averaged ``how``. Arguments, returns and errors as for `ifbc`."""
     return _apply(inverse, checked_features(features)) - average_fault(inherent.faults, how)
 
 
 def complex_gain(found: Float[AnyArray, "case 4"], induced: Float[AnyArray, "case 4"]) -> np.ndarray:
-    """Mean complex ratio found / induced of unbalance and of bow, shape (2,): what gain and phase would account for."""
+    """Mean complex ratio found / induced of unbalance and of bow, shape (2,): what gain and phase would account for.
+
+    **Arguments:** faults (case, 4) [kg m, kg m, m, m]. **Errors.** ``ValueError`` where nothing was induced.
+    """
+    if not np.all(np.abs(_rotating(induced)) > 0.0):
+        raise ValueError("a case has no induced unbalance or no induced bow: a ratio to nothing says nothing; leave that case out")
     return np.mean(_rotating(found) / _rotating(induced), axis=0)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from rotorjax._core import DEGREE, GRAM_MILLIMETRE, RPM, AnyArray, Numbers
+from rotorjax._core import DEGREE, GRAM_MILLIMETRE, RPM, AnyArray, Numbers, require_float64
 from rotorjax.model import Conditions, Layout, Model
 from rotorjax.response import vectors
 from rotorjax.rotor import Jeffcott
@@ -83,18 +83,30 @@ def _maps(rotor: Jeffcott, speeds: Float[Array, "speed"]) -> Float[Array, "speed
 
 
 def feature_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "speed 4 4"]:
-    """J at each speed: f = J m, in m per kg m (first two columns) and m per m."""
-    return np.asarray(_maps(rotor, jnp.atleast_1d(jnp.asarray(speed_rpm, float)) * RPM))
+    """J at each speed: f = J m, in m per kg m (first two columns) and m per m.
+
+    **Arguments:** ``speed_rpm``: one speed or several. **Returns** shape (speed, 4, 4). **Errors.** ``ValueError`` for a speed that
+    is not a positive number.
+    """
+    speeds = np.atleast_1d(np.asarray(speed_rpm, float))
+    if not np.all(np.isfinite(speeds)) or not np.all(speeds > 0.0):
+        raise ValueError(f"speeds {speeds.tolist()} rpm: each must be a positive number")
+    return np.asarray(_maps(rotor, jnp.asarray(speeds) * RPM))
 
 
 def inverse_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "4 cell"]:
     """The least-squares inverse at one speed or at several jointly: m = inverse @ concatenated features.
 
-    **Errors.** ``ValueError`` where the map is singular: with equal axes one speed cannot tell an unbalance from a bow.
+    **Returns** shape (4, 4 x speeds), in kg m per m (first two rows) and m per m. **Errors.** ``ValueError`` in single precision,
+    for a speed that is not positive or is an undamped critical speed, and where the map is singular: with equal axes one
+    speed cannot tell an unbalance from a bow.
     """
+    require_float64("the inverse map")
     stacked = feature_map(rotor, speed_rpm).reshape(-1, 4)
     size = np.linalg.norm(stacked, axis=0)
-    if not np.all(np.isfinite(stacked)) or np.linalg.cond(stacked / size) > SINGULAR:
+    if not np.all(np.isfinite(stacked)):
+        raise ValueError("the response is infinite at a speed: an undamped rotor at its critical speed; give it damping, or another speed")
+    if np.linalg.cond(stacked / size) > SINGULAR:
         raise ValueError(
             f"unbalance and bow cannot be told apart at {', '.join(f'{float(s):g}' for s in np.atleast_1d(np.asarray(speed_rpm)))} rpm: "
             "the axes are equally stiff there and the map is singular; measure at a second speed and give both"

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from rotorjax._core import AnyArray, as_float
+from rotorjax._core import AnyArray, as_float, require_float64
 from rotorjax.features import checked_features
 from rotorjax.io.files import read_text, write_whole
 
@@ -86,7 +86,11 @@ class FaultNetwork(eqx.Module):
         return self.outputs.unscaled(self.perceptron(self.inputs.scaled(features)))
 
     def diagnose(self, features: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
-        """Faults of many cases. **Errors.** ``ValueError`` for features that are not finite or not four to a case."""
+        """Faults [kg m, kg m, m, m] of many cases, from features [m]; both (..., 4).
+
+        **Errors.** ``ValueError`` in single precision, for features that are not finite or not four to a case.
+        """
+        require_float64("a diagnosis")
         f = checked_features(features)
         return np.asarray(_many(self, jnp.asarray(f.reshape(-1, 4)))).reshape(f.shape)
 

@@ -37,8 +37,11 @@ class Epoch(NamedTuple):
     effective: float
     """γ, the number of weights that the data determine."""
     alpha: float
+    """Weight of the sum of squared weights."""
     beta: float
+    """Weight of the sum of squared errors."""
     damping: float
+    """μ with which the next step begins."""
 
 
 class Training(NamedTuple):
@@ -73,11 +76,14 @@ def train(data: Dataset, *, key: Array, method: Method | None = None, hidden: in
     precision, for numbers that are not finite, a constant column, or fewer cases than weights.
     """
     require_float64("training")
+    if np.ndim(data.features) != 2 or np.ndim(data.faults) != 2 or len(data.features) != len(data.faults):
+        shapes = f"{np.shape(data.features)} and {np.shape(data.faults)}"
+        raise ValueError(f"features and faults have shapes {shapes}: give one row per case in both, as many in one as in the other")
     inputs, outputs = Range.of(data.features, "features"), Range.of(data.faults, "faults")
     scaled = Scaled(jax.vmap(inputs.scaled)(jnp.asarray(data.features)), jax.vmap(outputs.scaled)(jnp.asarray(data.faults)))
     count = hidden * (scaled.x.shape[1] + 1) + scaled.target.shape[1] * (hidden + 1)
-    if scaled.target.size < count:
-        raise ValueError(f"{len(scaled.x)} cases hold fewer numbers than the network has weights ({count}): draw more cases, or take fewer neurons")
+    if scaled.target.size <= count:
+        raise ValueError(f"{len(scaled.x)} cases hold no more numbers than the network has weights ({count}): draw more cases, or take fewer neurons")
     perceptron, history, stopped = (method or Whitened()).fit(scaled, hidden, key, progress)
     return Training(FaultNetwork(perceptron, inputs, outputs), tuple(history), stopped)
 
@@ -148,12 +154,13 @@ class OptaxL2:
         optimiser = optax.lbfgs()
         state, weights, history = optimiser.init(start), start, []  # pyright: ignore
         for block in range(0, self.steps, _BLOCK):
-            weights, state, loss = _optax_block(weights, state, data, self.decay, optimiser)
+            count = min(_BLOCK, self.steps - block)
+            weights, state, loss = _optax_block(weights, state, data, self.decay, optimiser, count)
             rms = _rms(weights, data)
             history.append(Epoch(rms, math.nan, self.decay, 1.0, math.nan))
-            progress(block + _BLOCK, rms)
+            progress(block + count, rms)
             if not math.isfinite(float(loss)):
-                return weights, history, f"not finite after {block + _BLOCK} steps: a smaller weight range or another start may help"
+                return weights, history, f"not finite after {block + count} steps: a smaller weight range or another start may help"
         return weights, history, f"all {self.steps} steps were made"
 
 
@@ -163,7 +170,7 @@ _BLOCK = 100
 
 
 @eqx.filter_jit
-def _optax_block(weights: Perceptron, state: optax.OptState, data: Scaled, decay: float, optimiser: optax.GradientTransformationExtraArgs):
+def _optax_block(weights: Perceptron, state: optax.OptState, data: Scaled, decay: float, optimiser: optax.GradientTransformationExtraArgs, count: int):
     def loss(p: Perceptron) -> Array:
         return jnp.mean((jax.vmap(p)(data.x) - data.target) ** 2) + decay * sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(p))
 
@@ -175,7 +182,7 @@ def _optax_block(weights: Perceptron, state: optax.OptState, data: Scaled, decay
         updates, s = optimiser.update(gradient, s, p, value=value, grad=gradient, value_fn=loss)
         return (optax.apply_updates(p, updates), s), value
 
-    (weights, state), values = jax.lax.scan(step, (weights, state), None, length=_BLOCK)
+    (weights, state), values = jax.lax.scan(step, (weights, state), None, length=count)
     return weights, state, values[-1]
 
 

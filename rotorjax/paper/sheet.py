@@ -9,6 +9,8 @@ Verdict = Literal["reproduced", "reproduced from rebuilt features", "not reprodu
 
 COLUMNS = ("case", "parameter", "unit", "paper", "ours", "difference")
 LAST = ("verdict", "reason")
+ROUNDING = 1e-6
+"""Share of a value that counts as rounding."""
 DIGITS = 6
 """Significant digits of the CSV files."""
 
@@ -70,11 +72,12 @@ class Sheet(NamedTuple):
 
 
 def _difference(row: Row) -> float | None:
-    return None if row.paper is None or row.ours is None else row.ours - row.paper
+    """Ours less the paper's; what is rounding beside them is zero."""
+    if row.paper is None or row.ours is None:
+        return None
+    return 0.0 if abs(row.ours - row.paper) < ROUNDING * abs(row.paper) else row.ours - row.paper
 
 
 def figure(value: float | None, digits: int) -> str:
-    """A number to some significant digits, empty for none; what is rounding against one is 0."""
-    if value is None or not math.isfinite(value):
-        return ""
-    return "0" if abs(value) < 1e-12 else f"{value:.{digits}g}"
+    """A number to some significant digits, empty for none."""
+    return "" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"

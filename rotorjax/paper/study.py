@@ -9,7 +9,6 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import AnyArray
 from rotorjax.compensation import Compensation, Inherent, LinearInverse, incremental, inherent_fault
 from rotorjax.dataset import Dataset, Split, make_dataset, split
 from rotorjax.features import feature_map
@@ -98,8 +97,3 @@ class Study:
         """Of the four cases at a speed."""
         found = self.compensations[speed_rpm]
         return Inherent(np.stack([c.faults for c in found]), np.stack([c.features for c in found]))
-
-
-def through(inverse: LinearInverse) -> Callable[[AnyArray], np.ndarray]:
-    """A linear inverse for many cases."""
-    return lambda features: np.asarray(features) @ np.asarray(inverse.matrix).T

@@ -2,22 +2,28 @@
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax.compensation import LinearInverse, ifbc, ifc, incremental, inherent_fault, value_errors
+from rotorjax.compensation import LinearInverse, complex_gain, ifbc, ifc, incremental, inherent_fault, value_errors
+from rotorjax.errors import InputError
+from rotorjax.features import FaultValues, components
 from rotorjax.paper.errata import errata
-from rotorjax.paper.pages import reproduce
+from rotorjax.paper.pages import prepare, reproduce
 from rotorjax.paper.printed import CASES, SPEEDS, printed
 from rotorjax.paper.study import Study
 from rotorjax.paper.tables import mean_errors_printed, schemes
 
 COMMITTED = Path(__file__).parents[2] / "paper_tables"
-TRAINED = {"table_01"}
-"""Tables whose numbers a thousand epochs amplify rounding in."""
+AMPLIFIED = {"table_01": 3.0}
+"""Tables in which a thousand epochs amplify rounding, and the factor to which their numbers repeat."""
+RESIDUES = ("network", "our_error", "our_error_percent", "difference")
+"""Columns that may hold what the network leaves of zero."""
+NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 
 
 @pytest.fixture(scope="module")
@@ -42,15 +48,30 @@ def test_the_same_files_are_committed(written):
 
 @pytest.mark.parametrize("name", sorted(p.name for p in COMMITTED.glob("*.csv")))
 def test_committed_numbers_come_out(written, name):
-    """To a ten thousandth; errors of trained networks, which are rounding amplified, to a factor of three."""
+    """Every cell: text as it is, numbers to a ten thousandth, what a network leaves of zero to a ten thousandth of the value beside it."""
     ours, committed = (rows((folder / name).read_text(encoding="utf-8")) for folder in (written, COMMITTED))
     assert len(ours) == len(committed)
+    factor = AMPLIFIED.get(name.removesuffix(".csv"))
     for new, old in zip(ours, committed, strict=True):
-        assert {k: new[k] for k in ("case", "parameter", "unit", "verdict", "paper")} == {k: old[k] for k in ("case", "parameter", "unit", "verdict", "paper")}
-        if name.startswith("table_01"):
-            assert 1 / 3 < float(new["ours"]) / float(old["ours"]) < 3
-        elif old["ours"]:
-            assert float(new["ours"]) == pytest.approx(float(old["ours"]), rel=1e-4, abs=1e-6), (new, old)
+        size = max([abs(float(old[k])) for k in ("paper", "ours") if old[k]], default=0.0)
+        for key in old:
+            try:
+                expected = float(old[key] or "nan")
+            except ValueError:
+                assert NUMBER.sub("#", new[key]) == NUMBER.sub("#", old[key]), key
+                continue
+            if factor is not None and key in ("ours", "default", "ratio"):
+                assert 1.0 / factor < float(new[key]) / expected < factor, (key, new)
+            elif factor is None or key == "paper":
+                found = float(new[key] or "nan")
+                assert found == pytest.approx(expected, rel=1e-4, abs=1e-4 * size if key in RESIDUES else 0.0, nan_ok=True), (key, new, old)
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in COMMITTED.glob("*.md")))
+def test_committed_pages_come_out(written, name):
+    """Their words; numbers are in the CSV files."""
+    new, old = ((folder / name).read_text(encoding="utf-8") for folder in (written, COMMITTED))
+    assert NUMBER.sub("#", new) == NUMBER.sub("#", old)
 
 
 def test_each_row_has_a_verdict_and_each_refusal_a_reason():
@@ -58,13 +79,6 @@ def test_each_row_has_a_verdict_and_each_refusal_a_reason():
         for row in rows(path.read_text(encoding="utf-8")):
             assert row["verdict"] in {"reproduced", "reproduced from rebuilt features", "not reproducible", "ours"}
             assert row["reason"] or row["verdict"] in {"reproduced", "reproduced from rebuilt features"}
-
-
-def test_the_page_is_the_committed_one(written):
-    """Text and errata; numbers of the network excepted."""
-    new, old = ((folder / "README.md").read_text(encoding="utf-8") for folder in (written, COMMITTED))
-    assert new.split("## Inconsistencies")[0] == old.split("## Inconsistencies")[0]
-    assert len(new) == pytest.approx(len(old), abs=40)
 
 
 def test_every_inconsistency_is_confirmed(study):
@@ -133,13 +147,31 @@ def test_printed_mean_errors_are_those_of_figure_10():
         assert means["IFC"] == pytest.approx(float(row["ifc"]), abs=0.01)
 
 
-def test_on_real_data_a_gain_holds_up_and_additive_schemes_do_not():
-    found = rows((COMMITTED / "real_rk4.csv").read_text(encoding="utf-8"))
+def test_on_real_data_neither_part_is_enough_and_both_are(written):
+    """RK4 has a residual unbalance and a turned phase: an additive fault or a gain alone leave most of the error."""
+    found = rows((written / "real_rk4.csv").read_text(encoding="utf-8"))
     for case in {row["case"] for row in found}:
         error = {row["parameter"]: float(row["ours"]) for row in found if row["case"] == case}
-        assert error["IFC"] > 0.7 * error["no compensation"]
+        for scheme in ("IFC", "gain alone"):
+            assert 0.65 * error["no compensation"] < error[scheme] < error["no compensation"]
         for scheme in ("inherent fault and gain", "joint least squares, physics"):
             assert error[scheme] < 0.2 * error["no compensation"]
+
+
+def test_another_page_is_not_overwritten(study, tmp_path):
+    (tmp_path / "README.md").write_text("# Mine\n", encoding="utf-8")
+    with pytest.raises(InputError, match="would be overwritten"):
+        reproduce(study, tmp_path)
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be made a folder"):
+        prepare(tmp_path / "file" / "below")
+
+
+def test_table_2_is_what_was_induced(study):
+    data = printed("table02_induced_faults")
+    values = FaultValues(*(np.array([float(row[key]) for row in data]) for key in ("U_g_mm", "alpha_deg", "s_mm", "theta_deg")))
+    for speed in SPEEDS:
+        assert np.allclose(components(values), study.rebuilt[speed].induced)
 
 
 def test_refusals(paper_rotor):
@@ -153,6 +185,11 @@ def test_refusals(paper_rotor):
     ):
         with pytest.raises(ValueError, match=message):
             inherent_fault(inverse, features, induced, jacobian)
+    nothing = np.zeros((1, 4))
+    with pytest.raises(ValueError, match="no induced unbalance"):
+        complex_gain(nothing, nothing)
+    with pytest.raises(ValueError, match="no induced unbalance"):
+        value_errors(nothing, nothing)
     with pytest.raises(ValueError, match="fraction is 0"):
         incremental(inverse, *good, fraction=0.0)
 

@@ -1,5 +1,6 @@
 """Features, the linear map, its inverse, and the rig's parameters."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -69,6 +70,17 @@ def test_equal_axes_are_refused_at_one_speed_and_solved_at_two():
     with pytest.raises(ValueError, match=r"cannot be told apart at 1500 rpm.*second speed"):
         inverse_map(rotor, 1500.0)
     assert inverse_map(rotor, [1500.0, 2500.0]).shape == (4, 8)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1500.0, np.nan, np.inf])
+def test_speeds_that_are_none_are_refused(paper_rotor, speed):
+    with pytest.raises(ValueError, match="each must be a positive number"):
+        inverse_map(paper_rotor, speed)
+
+
+def test_single_precision_is_refused(paper_rotor):
+    with jax.enable_x64(False), pytest.raises(ValueError, match="needs double precision"):
+        inverse_map(paper_rotor, 1500.0)
 
 
 def test_vectors_and_features_are_two_names_of_one_thing(rng):
