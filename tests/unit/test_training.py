@@ -286,7 +286,7 @@ def test_numbers_that_are_not_finite_are_refused(small, part, bad):
 
 def test_too_few_cases_are_refused(small):
     few = Dataset(small.features[:90], small.faults[:90])
-    with pytest.raises(ValueError, match=r"90 cases hold fewer numbers than the network has weights \(364\): draw more cases, or take fewer neurons"):
+    with pytest.raises(ValueError, match=r"90 cases hold no more numbers than the network has weights \(364\): draw more cases, or take fewer neurons"):
         train(few, key=jax.random.key(0))
     assert train(few, key=jax.random.key(0), hidden=10).network.perceptron.size == 94
 
