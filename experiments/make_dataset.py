@@ -51,6 +51,8 @@ def main() -> None:
         make(Config(**vars(parser.parse_args())))
     except ValueError as error:
         parser.exit(2, f"{error}\n")
+    except KeyboardInterrupt:
+        parser.exit(130, "stopped; the same call goes on\n")
 
 
 if __name__ == "__main__":

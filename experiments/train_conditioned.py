@@ -140,7 +140,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     try:
         run(Config(**vars(parser.parse_args())))
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         parser.exit(2, f"{error}\n")
 
 

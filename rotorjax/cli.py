@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rotorjax.measurement import Measurement
     from rotorjax.model import Effect, Model
 
-BAD_INPUT = 2
+BAD_INPUT, INTERRUPTED = 2, 130
 MOST_PROBLEMS = 20
 
 
@@ -33,6 +33,9 @@ def main(arguments: list[str] | None = None) -> int:
         if len(error.problems) > MOST_PROBLEMS:
             print(f"rotorjax: and {len(error.problems) - MOST_PROBLEMS} more problems", file=sys.stderr)
         return BAD_INPUT
+    except KeyboardInterrupt:
+        print("rotorjax: stopped", file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:
         # The reader of a pipe has seen enough; Python would complain once more when it closes standard output.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

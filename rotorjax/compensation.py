@@ -5,11 +5,11 @@ the inherent fault Δ is what makes inverse(f - J Δ) = m; other cases are then 
 features (IFbC), or their diagnosis less the inherent faults (IFC). Source: Huang et al. 2026, Sensors 26:2565,
 section 3. An error of gain and phase in the chain is compensated by dividing by a complex ratio instead.
 
-``inverse`` is any function from features to faults: a `FaultNetwork`, or the least-squares inverse.
+``inverse`` is any function of one case's features that JAX can trace: a `FaultNetwork`, the `LinearInverse`, one's own.
 """
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ import optimistix as optx
 from jax import Array
 from jaxtyping import Bool, Float
 
-from rotorjax._core import AnyArray, as_float, require_float64
+from rotorjax._core import AnyArray, Numbers, as_float, require_float64
 from rotorjax.features import checked_features, fault_table, inverse_map
 from rotorjax.rotor import Jeffcott
 
@@ -35,13 +35,16 @@ class LinearInverse(eqx.Module):
 
     matrix: Float[Array, "target feature"] = eqx.field(converter=as_float)
 
-    def diagnose(self, features: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
-        """Faults [kg m, kg m, m, m] of many cases. **Errors.** ``ValueError`` for features [m] that are not finite or not four to a case."""
-        return checked_features(features) @ np.asarray(self.matrix).T
+    def diagnose(self, features: Float[AnyArray, "*case cell"]) -> Float[np.ndarray, "*case 4"]:
+        """Faults [kg m, kg m, m, m] of many cases, from the features of each speed in turn [m].
+
+        **Errors.** ``ValueError`` for features that are not finite, or not as many to a case as the inverse takes.
+        """
+        return checked_features(features, self.matrix.shape[1]) @ np.asarray(self.matrix).T
 
     @classmethod
-    def at(cls, rotor: Jeffcott, speed_rpm: float) -> "LinearInverse":
-        """Of a rotor at a speed. **Errors.** ``ValueError`` where the map is singular (equal axes)."""
+    def at(cls, rotor: Jeffcott, speed_rpm: Numbers) -> "LinearInverse":
+        """Of a rotor at a speed, or at several jointly. **Errors.** ``ValueError`` where the map is singular (equal axes)."""
         return cls(inverse_map(rotor, speed_rpm))
 
     def __call__(self, features: Float[Array, "feature"]) -> Float[Array, "target"]:
@@ -77,8 +80,8 @@ def value_errors(found: Float[AnyArray, "*case 4"], induced: Float[AnyArray, "*c
         raise ValueError("a case has no induced unbalance or no induced bow: an error relative to nothing says nothing; leave that case out")
     got, true = fault_table(found), fault_table(induced)
     turned = np.abs((got - true + 180.0) % 360.0 - 180.0)
-    share = 100.0 * np.abs(got / true - 1.0)
-    return np.stack([share[..., 0], turned[..., 1], share[..., 2], turned[..., 3]], axis=-1)
+    share = 100.0 * np.abs(got[..., ::2] / true[..., ::2] - 1.0)
+    return np.stack([share[..., 0], turned[..., 1], share[..., 1], turned[..., 3]], axis=-1)
 
 
 def _checked(features: AnyArray, induced: AnyArray, jacobian: AnyArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -86,6 +89,8 @@ def _checked(features: AnyArray, induced: AnyArray, jacobian: AnyArray) -> tuple
     f, m, j = checked_features(features), np.asarray(induced, float), np.asarray(jacobian, float)
     if f.shape != (4,) or m.shape != (4,) or j.shape != (4, 4):
         raise ValueError(f"features {f.shape}, induced faults {m.shape} and map {j.shape}: give one case at one speed, shapes (4,), (4,) and (4, 4)")
+    if not np.all(np.isfinite(m)) or not np.all(np.isfinite(j)):
+        raise ValueError("the induced faults and the map must be finite numbers")
     if not np.all(sizes(m) > 0.0):
         raise ValueError("the induced unbalance and bow must not be zero: without them nothing says how large an error is")
     return f, m, j
@@ -99,11 +104,14 @@ def inherent_fault(inverse: Inverse, features: AnyArray, induced: AnyArray, jaco
     with the error after every step. **Errors.** ``ValueError`` for other shapes or numbers that are not finite.
     """
     f, m, j = _checked(features, induced, jacobian)
+    _apply(inverse, f[None])
     scale, shift = sizes(m), np.zeros(4)
     shifts, converged = [shift], False
     while not converged and len(shifts) <= MOST_STEPS:
         moved, converged = _newton_step(inverse, f, m, j, scale, shift)
         shift, converged = np.asarray(moved), bool(converged)
+        if not np.all(np.isfinite(shift)):
+            raise ValueError("the inverse does not answer to the features (its slope is singular): there is no inherent fault to find through it")
         shifts.append(shift)
     found = scale * shift
     return Compensation(found, j @ found, len(shifts) - 1, converged, _errors_along(inverse, f, m, j, [scale * s for s in shifts]))
@@ -125,7 +133,8 @@ def incremental(
 ) -> Compensation:
     """The paper's loop (figure 8): at every iteration a fraction of the feature correction still missing is added to the inherent features.
 
-    **Arguments:** ``fraction`` of the correction; ``tolerance``: relative error at which it ends (0.1 % in the paper).
+    **Arguments:** as for `inherent_fault`; ``fraction`` of the correction, above 0 and at most 1; ``tolerance``: relative error of all four
+    values at which it ends (0.1 % in the paper); ``most_steps``. **Returns** a `Compensation`. **Errors.** ``ValueError`` as there.
     """
     f, m, j = _checked(features, induced, jacobian)
     if not 0.0 < fraction <= 1.0:
@@ -152,7 +161,15 @@ def _errors_along(inverse: Inverse, f: np.ndarray, m: np.ndarray, j: np.ndarray,
 
 def _apply(inverse: Inverse, features: AnyArray) -> Float[np.ndarray, "case 4"]:
     require_float64("compensation")
-    return np.asarray(_many(inverse, jnp.asarray(features)))
+    try:
+        found = np.asarray(_many(inverse, jnp.asarray(features)))
+    except jax.errors.TracerArrayConversionError as error:
+        raise ValueError(
+            "the inverse computes with NumPy: write it with jax.numpy, or hand over the LinearInverse or FaultNetwork itself, not its diagnose"
+        ) from error
+    if found.shape != (len(features), 4):
+        raise ValueError(f"the inverse gives {found.shape[1:]} numbers a case: it must give (U_x, U_y, s_x, s_y)")
+    return found
 
 
 @eqx.filter_jit
@@ -161,7 +178,7 @@ def _many(inverse: Inverse, features: Float[Array, "case feature"]) -> Float[Arr
 
 
 class Inherent(NamedTuple):
-    """Inherent faults of several cases at one speed, to be averaged."""
+    """Inherent faults of several cases at one speed, to be averaged; of one case: ``Inherent(found.faults[None], found.features[None])``."""
 
     faults: Float[np.ndarray, "case 4"]
     features: Float[np.ndarray, "case 4"]
@@ -176,7 +193,13 @@ Average = Literal["components", "circular", "arithmetic"]
 
 
 def average_fault(faults: Float[AnyArray, "case 4"], how: Average = "components") -> Float[np.ndarray, "4"]:
-    """Mean fault. "circular" and "arithmetic" average magnitude and angle apart; the latter depends on where the circle is cut (at 0° here)."""
+    """Mean of faults (case, 4) [kg m, kg m, m, m].
+
+    "components" averages those, and is the only one that is linear; "circular" and "arithmetic" average magnitude and angle
+    apart, the latter as numbers, so that it depends on where the circle is cut (at 0° here).
+    """
+    if how not in get_args(Average):
+        raise ValueError(f"cannot average {how!r}: choose {', '.join(get_args(Average))}")
     m = np.asarray(faults)
     if how == "components":
         return np.mean(m, axis=0)
@@ -195,13 +218,20 @@ def ifbc(inverse: Inverse, features: Float[AnyArray, "case 4"], inherent: Inhere
     **Arguments:** ``features`` (case, 4) [m]. **Returns** faults (case, 4) [kg m, kg m, m, m]. **Errors.** ``ValueError`` in single
     precision, or for features that are not finite. Source: Huang et al. 2026, Sensors 26:2565, section 3.
     """
-    shifted = checked_features(features) - np.mean(inherent.features, axis=0)
-    return _apply(inverse, shifted)
+    return _apply(inverse, _cases(features, inherent) - np.mean(inherent.features, axis=0))
 
 
 def ifc(inverse: Inverse, features: Float[AnyArray, "case 4"], inherent: Inherent, how: Average = "components") -> Float[np.ndarray, "case 4"]:
     """Inherent fault compensation: inverse(f) - mean inherent fault, averaged ``how``. Arguments, returns and errors as for `ifbc`."""
-    return _apply(inverse, checked_features(features)) - average_fault(inherent.faults, how)
+    return _apply(inverse, _cases(features, inherent)) - average_fault(inherent.faults, how)
+
+
+def _cases(features: AnyArray, inherent: Inherent) -> Float[np.ndarray, "case 4"]:
+    """Features of many cases, checked together with what is to be averaged."""
+    f = checked_features(features)
+    if f.ndim != 2 or np.ndim(inherent.faults) != 2 or np.ndim(inherent.features) != 2:
+        raise ValueError(f"features have shape {f.shape} and inherent faults {np.shape(inherent.faults)}: give one row per case in both, also for one case")
+    return f
 
 
 def complex_gain(found: Float[AnyArray, "case 4"], induced: Float[AnyArray, "case 4"]) -> np.ndarray:
@@ -215,7 +245,7 @@ def complex_gain(found: Float[AnyArray, "case 4"], induced: Float[AnyArray, "cas
 
 
 def divide_gain(found: Float[AnyArray, "*case 4"], gain: np.ndarray) -> Float[np.ndarray, "*case 4"]:
-    """Faults divided by complex ratios of unbalance and of bow."""
+    """Faults (..., 4) [kg m, kg m, m, m] divided by the complex ratios of unbalance and of bow that `complex_gain` gives."""
     z = _rotating(found) / gain
     return np.stack([z[..., 0].real, z[..., 0].imag, z[..., 1].real, z[..., 1].imag], axis=-1)
 

@@ -25,7 +25,7 @@ from jaxtyping import Bool, Complex, Float, Key
 from rotorjax._core import RPM, AnyArray, Numbers, require_float64
 from rotorjax.compensation import LinearInverse
 from rotorjax.features import checked_features, fault_features, inverse_map
-from rotorjax.io.files import write_whole
+from rotorjax.io.files import read_text, write_whole
 from rotorjax.network import Perceptron, Range
 from rotorjax.rotor import Jeffcott
 from rotorjax.training import Scaled, output_by_least_squares
@@ -146,17 +146,20 @@ class ConditionedNetwork(eqx.Module):
                 f"{float(self.inputs.low[0]):g} to {float(self.inputs.high[0]):g} on both axes): train one for a wider range of speed ratios"
             )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write all numbers as JSON, to the last digit."""
+        path = Path(path)
         parts = {"perceptron": self.perceptron, "inputs": self.inputs, "outputs": self.outputs}
         numbers = {name: {field.name: np.asarray(getattr(part, field.name)).tolist() for field in dataclasses.fields(part)} for name, part in parts.items()}
         write_whole(path, json.dumps({"format": FORMAT, **numbers}, indent=1) + "\n")
 
     @classmethod
-    def load(cls, path: Path) -> "ConditionedNetwork":
+    def load(cls, path: Path | str) -> "ConditionedNetwork":
         """Read what `save` wrote. **Errors.** ``ValueError`` for another file."""
+        path = Path(path)
+        text = read_text(path)
         try:
-            content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            content: dict[str, Any] = json.loads(text)
             if content["format"] != FORMAT:
                 raise KeyError("format")
             network = cls(Perceptron(**content["perceptron"]), Range(**content["inputs"]), Range(**content["outputs"]))

@@ -89,17 +89,19 @@ def feature_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "speed
     is not a positive number.
     """
     speeds = np.atleast_1d(np.asarray(speed_rpm, float))
-    if not np.all(np.isfinite(speeds)) or not np.all(speeds > 0.0):
+    if not len(speeds) or not np.all(np.isfinite(speeds)) or not np.all(speeds > 0.0):
         raise ValueError(f"speeds {speeds.tolist()} rpm: each must be a positive number")
     return np.asarray(_maps(rotor, jnp.asarray(speeds) * RPM))
 
 
-def inverse_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "4 cell"]:
+def inverse_map(rotor: Jeffcott, speed_rpm: Numbers, covariance: Float[AnyArray, "cell cell"] | None = None) -> Float[np.ndarray, "4 cell"]:
     """The least-squares inverse at one speed or at several jointly: m = inverse @ concatenated features.
 
-    **Returns** shape (4, 4 x speeds), in kg m per m (first two rows) and m per m. **Errors.** ``ValueError`` in single precision,
-    for a speed that is not positive or is an undamped critical speed, and where the map is singular: with equal axes one
-    speed cannot tell an unbalance from a bow.
+    **Arguments:** ``covariance`` of all those features (4 x speeds, 4 x speeds) [m²], such as `signals.WaveformFeatures` has for
+    each record, in blocks; by default their errors are equal and independent. **Returns** shape (4, 4 x speeds), in kg m per m
+    (first two rows) and m per m. **Errors.** ``ValueError`` in single precision, for a speed that is not positive or is an
+    undamped critical speed, a covariance that is none, and where the map is singular: with equal axes one speed cannot
+    tell an unbalance from a bow.
     """
     require_float64("the inverse map")
     stacked = feature_map(rotor, speed_rpm).reshape(-1, 4)
@@ -111,20 +113,39 @@ def inverse_map(rotor: Jeffcott, speed_rpm: Numbers) -> Float[np.ndarray, "4 cel
             f"unbalance and bow cannot be told apart at {', '.join(f'{float(s):g}' for s in np.atleast_1d(np.asarray(speed_rpm)))} rpm: "
             "the axes are equally stiff there and the map is singular; measure at a second speed and give both"
         )
-    return np.linalg.pinv(stacked / size, rcond=1e-15) / size[:, None]
+    if covariance is None:
+        return np.linalg.pinv(stacked / size, rcond=1e-15) / size[:, None]
+    whiten = np.linalg.inv(np.linalg.cholesky(_checked_covariance(covariance, len(stacked))))
+    return np.linalg.pinv(whiten @ stacked / size, rcond=1e-15) @ whiten / size[:, None]
 
 
-def feature_covariance(rotor: Jeffcott, speed_rpm: Numbers, noise: float) -> Float[np.ndarray, "4 4"]:
-    """Covariance of the faults found by least squares from features with independent noise of this standard error [m]."""
-    inverse = inverse_map(rotor, speed_rpm)
-    return noise**2 * inverse @ inverse.T
+def _checked_covariance(covariance: AnyArray, count: int) -> Float[np.ndarray, "cell cell"]:
+    values = np.asarray(covariance, float)
+    if values.shape != (count, count) or not np.all(np.isfinite(values)) or np.linalg.eigvalsh(values)[0] <= 0.0:
+        raise ValueError(f"the covariance has shape {values.shape}: give a positive definite one of all features, ({count}, {count}), in m²")
+    return values
 
 
-def checked_features(f: AnyArray) -> Float[np.ndarray, "*case 4"]:
-    """Features as an array. **Errors.** ``ValueError`` unless there are four to a case, all finite."""
+def feature_covariance(rotor: Jeffcott, speed_rpm: Numbers, noise: float | AnyArray) -> Float[np.ndarray, "4 4"]:
+    """Covariance (4, 4) of the faults found by least squares [kg m, kg m, m, m].
+
+    **Arguments:** ``noise``: standard error of independent features [m], or the covariance that `inverse_map` takes [m²].
+    """
+    if np.ndim(noise) == 0:
+        inverse = inverse_map(rotor, speed_rpm)
+        return float(noise) ** 2 * inverse @ inverse.T
+    inverse = inverse_map(rotor, speed_rpm, np.asarray(noise))
+    return inverse @ np.asarray(noise) @ inverse.T
+
+
+def checked_features(f: AnyArray, count: int = 4) -> Float[np.ndarray, "*case cell"]:
+    """Features as an array. **Errors.** ``ValueError`` unless there are four (``count``) to a case, all real and finite."""
+    if np.iscomplexobj(f):
+        raise ValueError("features are real numbers: turn vibration vectors z into them with features(z)")
     values = np.asarray(f, float)
-    if values.ndim == 0 or values.shape[-1] != 4:
-        raise ValueError(f"features have shape {values.shape}: give f1, f2, f3, f4 along the last axis, in metres")
+    if values.ndim == 0 or values.shape[-1] != count:
+        more = "" if count == 4 else f", those of each speed in turn, {count} in all"
+        raise ValueError(f"features have shape {values.shape}: give f1, f2, f3, f4 along the last axis, in metres{more}")
     if not np.all(np.isfinite(values)):
         case = np.argwhere(~np.isfinite(values))[0]
         raise ValueError(f"feature f{case[-1] + 1}{f' of case {case[0]}' if len(case) > 1 else ''} is not finite: leave that case out")

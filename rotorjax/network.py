@@ -85,23 +85,25 @@ class FaultNetwork(eqx.Module):
         """Faults of one case."""
         return self.outputs.unscaled(self.perceptron(self.inputs.scaled(features)))
 
-    def diagnose(self, features: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
-        """Faults [kg m, kg m, m, m] of many cases, from features [m]; both (..., 4).
+    def diagnose(self, features: Float[AnyArray, "*case feature"]) -> Float[np.ndarray, "*case target"]:
+        """Faults [kg m, kg m, m, m] of many cases, from features [m]; both (..., 4). It knows nothing beyond the range it was trained in.
 
         **Errors.** ``ValueError`` in single precision, for features that are not finite or not four to a case.
         """
         require_float64("a diagnosis")
-        f = checked_features(features)
-        return np.asarray(_many(self, jnp.asarray(f.reshape(-1, 4)))).reshape(f.shape)
+        f = checked_features(features, self.inputs.low.shape[0])
+        return np.asarray(_many(self, jnp.asarray(f.reshape(-1, f.shape[-1])))).reshape(*f.shape[:-1], -1)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write all numbers as JSON, to the last digit."""
+        path = Path(path)
         numbers = {name: np.asarray(leaf).tolist() for name, leaf in _named(self).items()}
         write_whole(path, json.dumps({"format": FORMAT, **numbers}, indent=1) + "\n")
 
     @classmethod
-    def load(cls, path: Path) -> "FaultNetwork":
+    def load(cls, path: Path | str) -> "FaultNetwork":
         """Read what `save` wrote. **Errors.** ``ValueError`` for another file."""
+        path = Path(path)
         text = read_text(path)
         try:
             content: dict[str, Any] = json.loads(text)

@@ -40,6 +40,13 @@ class Jeffcott(AbstractRotor):
     bow_through_damping: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
+        if self.rotation not in ("x-to-y", "y-to-x"):
+            raise ValueError(f"rotation is {self.rotation!r}: write x-to-y or y-to-x")
+        if self.stiffness.shape != (2,) or self.damping_ratio.shape != (2,):
+            raise ValueError(
+                f"stiffness and damping ratio have shapes {self.stiffness.shape} and {self.damping_ratio.shape}: "
+                "give one number, or one along x and one along y"
+            )
         if isinstance(self.mass, Tracer) or isinstance(self.stiffness, Tracer):
             return
         if not (float(self.mass) > 0.0 and np.all(np.asarray(self.stiffness) > 0.0)):

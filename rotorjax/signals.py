@@ -34,6 +34,8 @@ IRREGULAR = 1.5
 """A revolution this much longer or shorter than those around it is a missing or a double pulse, not a speed."""
 FEWEST_REVOLUTIONS = 2
 """One revolution cannot tell a drift from an order."""
+SAME_PLACE = 0.9
+"""Resultant length of the pulses' places between samples from which they count as the same place."""
 BAND = 0.4
 """Sidebands reach this far from an order, relative to the order but at most 1: short of a whirl near half the speed."""
 FEWEST_SIDEBANDS, MOST_SIDEBANDS = 2, 16
@@ -153,7 +155,7 @@ def shaft_angle(time: Numbers, pulses: Numbers) -> Float[np.ndarray, "sample"]:
 
 
 def vectors_from_waveform(
-    time: Numbers, displacement: Numbers, pulses: Numbers, *, orders: Sequence[float] = (1.0,), drift: int = 1, pulse_error: float = 0.0
+    time: Numbers, displacement: Numbers, pulses: Numbers, *, orders: Sequence[float] = (1.0,), drift: int = 1, pulse_error: float | None = None
 ) -> WaveformVectors:
     """Vibration vectors z_n by least squares over the whole revolutions of a record.
 
@@ -168,7 +170,8 @@ def vectors_from_waveform(
     that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial. One
     is good for a dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a
     quadratic one only 1/(π n N)²; ``pulse_error`` standard error common to all pulses [s], for edges shorter
-    than a sample at most one sample / √12. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and cure, for
+    than a sample at most one sample / √12, and just that by default where the pulses fall at the same place between samples
+    in every revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and cure, for
     samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer than
     two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
     """
@@ -197,7 +200,8 @@ def vectors_from_waveform(
     vectors = (parts[:, 0] - 1j * parts[:, 1]).T
     speed = TURN * count / (marks[-1] - marks[0])
     # A pulse late by τ turns z by n Ω τ.
-    turned = 1j * turning[:, None] * speed * pulse_error * vectors.T
+    common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
+    turned = 1j * turning[:, None] * speed * common_error * vectors.T
     common = numpy_pair(turned).reshape(len(turning), -1)
     trend = np.polynomial.Polynomial.fit(marks, np.arange(count + 1.0), 2, domain=[marks[0], marks[-1]], window=[0.0, 1.0]).coef[2]
     return WaveformVectors(
@@ -207,7 +211,13 @@ def vectors_from_waveform(
 
 
 def features_from_waveform(
-    time: Numbers, displacement: Numbers, pulses: Numbers, *, probe_angle_deg: tuple[float, float] = (0.0, 90.0), drift: int = 1, pulse_error: float = 0.0
+    time: Numbers,
+    displacement: Numbers,
+    pulses: Numbers,
+    *,
+    probe_angle_deg: tuple[float, float] = (0.0, 90.0),
+    drift: int = 1,
+    pulse_error: float | None = None,
 ) -> WaveformFeatures:
     """The paper's features f1..f4 of one record: u = f1 cos φ + f2 sin φ along x, v = f3 cos φ + f4 sin φ along y.
 
@@ -326,9 +336,19 @@ def _regular(pulses: Numbers) -> Float[np.ndarray, "_"]:
         k = long[0]
         raise ValueError(
             f"pulses must come once per revolution; missing pulse at t = {marks[k] + usual[k]:.6g} s, a revolution lasts {ratio[k]:.2g} times the usual "
-            f"{usual[k]:.4g} s: cut the record there, or lower the threshold"
+            f"{usual[k]:.4g} s: cut the record there, or lower the threshold; a mark that passes in less than a sample needs a faster sampling or a wider mark"
         )
     return marks
+
+
+def _common_pulse_error(marks: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> float:
+    """One sample / √12 where the pulses fall at the same place between samples every time [s], else nothing.
+
+    A hard edge is known to a sample; only where its place among the samples changes from turn to turn does that show as scatter.
+    """
+    step = float(np.median(np.diff(time)))
+    alike = abs(np.mean(np.exp(2j * np.pi * marks / step)))
+    return step / np.sqrt(12.0) if alike > SAME_PLACE else 0.0
 
 
 def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> Float[np.ndarray, "_"]:

@@ -125,7 +125,10 @@ class Whitened:
         mean = jnp.mean(data.x, axis=0)
         values, axes = jnp.linalg.eigh(jnp.atleast_2d(jnp.cov(data.x.T)))
         if not float(values[0]) > 1e-14 * float(values[-1]):
-            raise ValueError("some features are linear combinations of others: the cases do not show all faults; draw them anew")
+            raise ValueError(
+                "some features are linear combinations of others: the cases do not show all faults; draw them anew, "
+                "or, if the axes are equally stiff, use two speeds"
+            )
         whiten = axes / jnp.sqrt(values)[None]
         white = data._replace(x=(data.x - mean[None]) @ whiten)
         inner = self.first_layer * jax.random.normal(key, (hidden, data.x.shape[1])) / math.sqrt(data.x.shape[1])
@@ -190,6 +193,7 @@ def nguyen_widrow(key: Array, features: int, hidden: int, targets: int) -> Perce
     """First weights that spread the neurons' active ranges over inputs in -1 to 1 (Nguyen, Widrow 1990, Proc. IJCNN 3:21-26).
 
     Rows of W₁ have random directions and length 0.7 h^(1/n); biases are spread evenly; the output layer is uniform in -1 to 1.
+    **Arguments:** ``key``; how many ``features`` n, ``hidden`` neurons h and ``targets``. **Returns** a `Perceptron`.
     """
     directions, outer, bias = jax.random.split(key, 3)
     length = 0.7 * hidden ** (1.0 / features)
@@ -206,6 +210,7 @@ def output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
 
     Each target takes as many singular directions, largest first, as its Bayesian information criterion n log RSS + k log n
     (Schwarz 1978, Ann. Stat. 6:461-464) asks for: all of them would fit noise by weights of 1e9.
+    **Arguments:** ``perceptron`` whose first layer stays; ``data``, scaled. **Returns** it with another output layer.
     """
     design = np.concatenate([np.tanh(np.asarray(data.x @ perceptron.weight_in.T + perceptron.bias_in[None])), np.ones((len(data.x), 1))], axis=1)
     size = np.linalg.norm(design, axis=0)
@@ -250,7 +255,7 @@ class _Normal(NamedTuple):
 
 @jax.jit
 def normal_equations(p: Perceptron, x: Float[Array, "sample feature"], target: Float[Array, "sample target"]) -> _Normal:
-    """JᵀJ and Jᵀe over all samples and targets, weights in the order of `ravel_pytree`.
+    """JᵀJ and Jᵀe over all samples and targets, weights in the order of `ravel_pytree`; e = y - target, in scaled units.
 
     With d = 1 - a², D = d ⊗ [x, 1] and H = [a, 1]: the blocks are G_DD ∘ W₂ᵀW₂, W₂ ∘ G_DH and I ⊗ G_HH, G = [D H]ᵀ[D H];
     G_DD from the products of two inputs, which are symmetric, costs half of the full product.

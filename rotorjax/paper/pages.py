@@ -1,5 +1,6 @@
 """Everything about the paper, written to a folder: a CSV file and a page per table, figures, and the audit at a glance."""
 
+import tempfile
 from pathlib import Path
 
 from rotorjax import plots
@@ -46,8 +47,15 @@ def prepare(folder: Path) -> None:
     except OSError as error:
         raise InputError(f"{folder}: cannot be made a folder ({error.strerror}); give another") from error
     readme = folder / "README.md"
-    if readme.exists() and not readme.read_text(encoding="utf-8", errors="replace").startswith(TITLE):
-        raise InputError(f"{readme}: is another page and would be overwritten; give a new folder")
+    if readme.exists() and readme.read_text(encoding="utf-8", errors="replace").startswith(TITLE):
+        return
+    for path in [readme, *folder.glob("table_*"), *folder.glob("figure_*")]:
+        if path.exists():
+            raise InputError(f"{path}: is not from here and would be overwritten; give a new folder")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror}); give another") from error
 
 
 def _summary(sheets: list[Sheet], found: list[Erratum]) -> str:

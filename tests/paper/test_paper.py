@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax.compensation import LinearInverse, complex_gain, ifbc, ifc, incremental, inherent_fault, value_errors
+from rotorjax.compensation import Inherent, LinearInverse, complex_gain, ifbc, ifc, incremental, inherent_fault, value_errors
 from rotorjax.errors import InputError
 from rotorjax.features import FaultValues, components
 from rotorjax.paper.errata import errata
@@ -156,6 +156,23 @@ def test_on_real_data_neither_part_is_enough_and_both_are(written):
             assert 0.65 * error["no compensation"] < error[scheme] < error["no compensation"]
         for scheme in ("inherent fault and gain", "joint least squares, physics"):
             assert error[scheme] < 0.2 * error["no compensation"]
+
+
+def test_own_inverses(paper_rotor):
+    """Several speeds in one linear inverse; NumPy, too few numbers and no slope are refused in words."""
+    both = LinearInverse.at(paper_rotor, [1500.0, 2500.0])
+    assert both.diagnose(np.ones((3, 8))).shape == (3, 4)
+    with pytest.raises(ValueError, match="those of each speed in turn, 8 in all"):
+        both.diagnose(np.ones((3, 4)))
+    one, m = LinearInverse.at(paper_rotor, 1500.0), np.array([1e-6, 0.0, 1e-3, 0.0])
+    for inverse, message in ((one.diagnose, "computes with NumPy"), (lambda f: f[:2], r"gives \(2,\) numbers"), (lambda f: 0.0 * f, "does not answer")):
+        with pytest.raises(ValueError, match=message):
+            inherent_fault(inverse, np.ones(4), m, np.eye(4))
+    found = inherent_fault(one, np.ones(4), m, np.eye(4))
+    with pytest.raises(ValueError, match="one row per case in both"):
+        ifc(one, np.ones((2, 4)), found)
+    with pytest.raises(ValueError, match="cannot average 'mean'"):
+        ifc(one, np.ones((2, 4)), Inherent(found.faults[None], found.features[None]), "mean")
 
 
 def test_another_page_is_not_overwritten(study, tmp_path):

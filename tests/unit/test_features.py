@@ -65,6 +65,21 @@ def test_inverse_undoes_the_map(paper_rotor, rng):
         assert np.allclose((faults @ stacked.T @ inverse_map(paper_rotor, speeds).T) / UNITS, faults / UNITS, atol=1e-8)
 
 
+def test_unequal_errors_are_weighed(paper_rotor, rng):
+    """Features of one speed a thousand times less sure: the weighted inverse has the errors that it states, the plain one far larger."""
+    speeds, fault = [1500.0, 2500.0], components(FaultValues(8.0, 30.0, 0.5, 45.0))
+    stacked, sigma = feature_map(paper_rotor, speeds).reshape(-1, 4), np.repeat([1e-5, 1e-8], 4)
+    covariance = np.diag(sigma**2) + 1e-18 * np.ones((8, 8))
+    noisy = stacked @ fault + rng.multivariate_normal(np.zeros(8), covariance, 400)
+    weighted = noisy @ inverse_map(paper_rotor, speeds, covariance).T - fault
+    stated = np.sqrt(np.diag(feature_covariance(paper_rotor, speeds, covariance)))
+    assert np.std(weighted, axis=0) == pytest.approx(stated, rel=0.15)
+    plain = noisy @ inverse_map(paper_rotor, speeds).T - fault
+    assert np.std(plain[:, 0]) > 5.0 * stated[0]
+    with pytest.raises(ValueError, match=r"positive definite one of all features, \(8, 8\)"):
+        inverse_map(paper_rotor, speeds, np.eye(4))
+
+
 def test_equal_axes_are_refused_at_one_speed_and_solved_at_two():
     rotor = Jeffcott(1.0, 5e4, 0.01)
     with pytest.raises(ValueError, match=r"cannot be told apart at 1500 rpm.*second speed"):
@@ -96,6 +111,8 @@ def test_fault_values_round_trip():
 def test_bad_features_are_refused():
     with pytest.raises(ValueError, match=r"shape \(3,\): give f1, f2, f3, f4"):
         checked_features(np.ones(3))
+    with pytest.raises(ValueError, match="features are real numbers"):
+        checked_features(np.ones(4) * 1j)
     with pytest.raises(ValueError, match="feature f3 of case 1 is not finite"):
         checked_features(np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, np.inf, 1.0]]))
 
