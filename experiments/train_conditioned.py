@@ -9,6 +9,7 @@ one rotor at random speeds (Huang et al. 2026, Sensors 26:2565, section 2.2). A 
 import argparse
 import csv
 import dataclasses
+import io
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from rotorjax import Jeffcott
 from rotorjax.conditioned import ConditionedNetwork, train_conditioned
 from rotorjax.dataset import sample_faults
 from rotorjax.features import FaultValues, components, feature_map, inverse_map
+from rotorjax.io.files import write_whole
 from rotorjax.network import Range
 from rotorjax.tables import Table, number
 from rotorjax.training import BayesianRegularisation, Scaled
@@ -122,13 +124,14 @@ def run(config: Config) -> None:
     network = train_conditioned(jax.random.key(config.seed))
     network.save(config.output / "conditioned.json")
     rows = by_speed(config, network, rotor)
-    with (config.output / "conditioned.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows([HEADS, *rows])
+    lines = io.StringIO()
+    csv.writer(lines, lineterminator="\n").writerows([HEADS, *rows])
+    write_whole(config.output / "conditioned.csv", lines.getvalue())
     small = f"{config.small[0]:g} g mm and {config.small[2]:g} mm with noise of {config.noise_um:g} µm"
     note = f"Largest errors without noise, faults up to 1000 g mm and 50 mm; noisy: root mean square errors at {small}, and over those of the exact inverse."
     text = Table("The conditioned network on the paper's rotor", HEADS, rows, note).text()
     ranges = Table("Relative error of the inverse, 600 to 3500 rpm", ("rotor", "worst", "median"), over_range(config, network, rotor)).text()
-    (config.output / "conditioned.md").write_text(f"```\n{text}\n\n{ranges}\n```\n", encoding="utf-8")
+    write_whole(config.output / "conditioned.md", f"```\n{text}\n\n{ranges}\n```\n")
     print(f"{text}\n\n{ranges}")
 
 
