@@ -241,11 +241,12 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("output/training"), help="folder for the files (%(default)s)")
     parser.add_argument("--seeds", type=int, nargs="+", default=Config.seeds, help="seeds to run (%(default)s)")
     parser.add_argument("--epochs", type=int, default=Config.epochs, help="of the training as published (%(default)s)")
+    parser.add_argument("--fractions", type=float, nargs=3, default=Config.fractions, help="train, validation and test cases (%(default)s)")
     parser.add_argument("--no-times", action="store_true", help="leave out the seconds, so that a second run gives the same files")
     parser.add_argument("--quick", action="store_true", help="two seeds and few steps, to see that it works")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    config = Config(seeds=tuple(arguments.seeds), epochs=arguments.epochs)
+    config = Config(seeds=tuple(arguments.seeds), epochs=arguments.epochs, fractions=tuple(arguments.fractions))
     config = config.quick() if arguments.quick else config
     try:
         arguments.output.mkdir(parents=True, exist_ok=True)

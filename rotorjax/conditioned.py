@@ -11,9 +11,7 @@ without bound as the axes become equal. Source of the map: Huang et al. 2026, Se
 """
 
 import dataclasses
-import json
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -25,19 +23,16 @@ from jaxtyping import Bool, Complex, Float, Key
 from rotorjax._core import RPM, AnyArray, Numbers, require_float64
 from rotorjax.compensation import LinearInverse
 from rotorjax.features import checked_features, fault_features, inverse_map
-from rotorjax.io.files import read_text, write_whole
-from rotorjax.network import Perceptron, Range
+from rotorjax.network import Format, Parts, Perceptron, Range, read_parts, write_parts
 from rotorjax.rotor import Jeffcott
 from rotorjax.training import Scaled, output_by_least_squares
 
-FORMAT = "rotorjax conditioned network 1"
+FORMAT = Format("conditioned network", 1, (2, 2))
 FIRST_LAYER, BIAS = 0.1, 2.0
 """Size of the first layer's weights, and largest bias: neurons that bend little, each at another place of the tanh. Without
 biases a network of small weights is odd in its inputs and holds no square."""
 LEAST_GAP = 1e-3
 """Of (ω_y/ω_x)² from 1: nearer axes magnify the network's error, and the noise, more than a thousandfold."""
-SLACK = 1e-9
-"""Of a range: what rounding may put outside it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +84,7 @@ class ConditionedNetwork(eqx.Module):
         ratios = _ratios(rotor, jnp.asarray(speed))
         drive = jax.vmap(self.axis)(ratios) * jnp.array([1.0, 1j * rotor.spin])
         square = ratios[:, 0] ** 2
-        served = self._served(ratios) & (_gap(ratios) >= LEAST_GAP)
+        served = jnp.all(jax.vmap(self.inputs.holds)(ratios)) & (_gap(ratios) >= LEAST_GAP)
         # The inner choice keeps equal axes from dividing by zero, also in the derivative.
         gap = jnp.where(served, square[0] - square[1], 1.0)
         entries = jnp.stack([rotor.mass * drive * jnp.array([1.0, -1.0]), drive * jnp.array([-1.0, 1.0]) * square[::-1]]) / gap
@@ -104,6 +99,8 @@ class ConditionedNetwork(eqx.Module):
 
     def diagnose(self, rotor: Jeffcott, speed_rpm: Numbers, features: Float[AnyArray, "*case 4"]) -> Float[np.ndarray, "*case 4"]:
         """Faults of many cases [kg m, m] from features [m], at one speed or at one for each case [rpm].
+
+        It knows nothing beyond the range it was trained in, and refuses there: ask `within` which speeds it serves.
 
         **Errors.** ``ValueError`` for features that are not four finite numbers to a case; a speed or a rotor outside the
         trained range; equal axes; a bow that acts through the dampers; or as many speeds as there are no cases.
@@ -120,8 +117,14 @@ class ConditionedNetwork(eqx.Module):
         critical = np.asarray(rotor.critical_speeds_rpm())
         return float(self.inputs.low[0]) * float(critical.max()), float(self.inputs.high[0]) * float(critical.min())
 
-    def _served(self, ratios: Float[Array, "dof 2"]) -> Bool[Array, ""]:
-        return jnp.all(jnp.abs(jax.vmap(self.inputs.scaled)(ratios)) <= 1.0 + SLACK)
+    def within(self, rotor: Jeffcott, speed_rpm: Numbers) -> Bool[np.ndarray, "*case"]:
+        """At which speeds [rpm] both axes' speed and damping ratios lie in the range trained, with a margin of 1e-9 of half that range.
+
+        Nearly equal axes, which `diagnose` refuses too, are no matter of that range.
+        """
+        speeds = np.asarray(speed_rpm, float)
+        held = _held(self, rotor, jnp.asarray(speeds.ravel()) * RPM)
+        return np.asarray(np.all(np.asarray(held), axis=-1)).reshape(speeds.shape)
 
     def _check(self, rotor: Jeffcott, speeds_rpm: Float[np.ndarray, "speed"]) -> None:
         if rotor.bow_through_damping:
@@ -134,41 +137,27 @@ class ConditionedNetwork(eqx.Module):
             raise ValueError(
                 f"the axes' stiffnesses differ by {100 * gap:.2g} %, less than the {100 * LEAST_GAP:g} % served: measure at a second speed, or use inverse_map"
             )
-        zeta, (low, high) = np.asarray(rotor.damping_ratio), np.stack([self.inputs.low, self.inputs.high])[:, 1]
-        if not (zeta.min() >= low - SLACK and zeta.max() <= high + SLACK):
+        speed_held, damping_held = np.asarray(_held(self, rotor, jnp.asarray(speeds_rpm) * RPM)).T
+        if not damping_held.all():
+            zeta, (low, high) = np.asarray(rotor.damping_ratio), np.stack([self.inputs.low, self.inputs.high])[:, 1]
             raise ValueError(
                 f"damping ratios are {zeta[0]:.4g} and {zeta[1]:.4g}; the network was trained from {low:.4g} to {high:.4g}: train one for that range"
             )
-        slowest, fastest = self.speeds_rpm(rotor)
-        if outside := [s for s in speeds_rpm if not slowest * (1 - SLACK) <= s <= fastest * (1 + SLACK)]:
+        if not speed_held.all():
+            slowest, fastest = self.speeds_rpm(rotor)
             raise ValueError(
-                f"speed is {outside[0]:g} rpm; for this rotor the network serves {slowest:.0f} to {fastest:.0f} rpm (speed ratios from "
+                f"speed is {speeds_rpm[~speed_held][0]:g} rpm; for this rotor the network serves {slowest:.0f} to {fastest:.0f} rpm (speed ratios from "
                 f"{float(self.inputs.low[0]):g} to {float(self.inputs.high[0]):g} on both axes): train one for a wider range of speed ratios"
             )
 
     def save(self, path: Path | str) -> None:
-        """Write all numbers as JSON, to the last digit."""
-        path = Path(path)
-        parts = {"perceptron": self.perceptron, "inputs": self.inputs, "outputs": self.outputs}
-        numbers = {name: {field.name: np.asarray(getattr(part, field.name)).tolist() for field in dataclasses.fields(part)} for name, part in parts.items()}
-        write_whole(path, json.dumps({"format": FORMAT, **numbers}, indent=1) + "\n")
+        """Write all numbers as JSON, to the last digit. **Errors.** `InputError` where the path cannot be written to."""
+        write_parts(path, FORMAT, Parts(self.perceptron, self.inputs, self.outputs))
 
     @classmethod
     def load(cls, path: Path | str) -> "ConditionedNetwork":
         """Read what `save` wrote. **Errors.** ``ValueError`` for another file."""
-        path = Path(path)
-        text = read_text(path)
-        try:
-            content: dict[str, Any] = json.loads(text)
-            if content["format"] != FORMAT:
-                raise KeyError("format")
-            network = cls(Perceptron(**content["perceptron"]), Range(**content["inputs"]), Range(**content["outputs"]))
-            hidden = len(content["perceptron"]["bias_in"])
-            if [leaf.shape for leaf in jax.tree.leaves(network)] != [(hidden, 2), (hidden,), (2, hidden), (2,), (2,), (2,), (2,), (2,)]:
-                raise ValueError("it does not lead from two numbers to two")
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise ValueError(f"{path}: not a conditioned network that rotorjax wrote ({error}); train it anew and save it") from error
-        return network
+        return cls(*read_parts(path, FORMAT))
 
 
 def _ratios(rotor: Jeffcott, speed: Float[Array, ""]) -> Float[Array, "dof 2"]:
@@ -180,6 +169,12 @@ def _gap(ratios: Float[Array, "dof 2"]) -> Float[Array, ""]:
     """How far (ω_y/ω_x)², or its reciprocal where that is smaller, is from 1."""
     square = ratios[:, 0] ** 2
     return 1.0 - jnp.min(square) / jnp.max(square)
+
+
+@eqx.filter_jit
+def _held(network: ConditionedNetwork, rotor: Jeffcott, speeds: Float[Array, "speed"]) -> Bool[Array, "speed 2"]:
+    """Whether (Ω/ω, ζ) lie in the range trained on both axes."""
+    return jax.vmap(lambda speed: jnp.all(jax.vmap(network.inputs.holds)(_ratios(rotor, speed)), axis=0))(speeds)
 
 
 @eqx.filter_jit

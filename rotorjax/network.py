@@ -1,21 +1,24 @@
 """The network that turns features into faults: one hidden layer of tanh, between min-max scaled inputs and outputs."""
 
+import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Shaped
 
 from rotorjax._core import AnyArray, as_float, require_float64
 from rotorjax.features import checked_features
 from rotorjax.io.files import read_text, write_whole
 
-FORMAT = "rotorjax network 1"
+SLACK = 1e-9
+"""Of half a range: what rounding may put outside it."""
 
 
 class Perceptron(eqx.Module):
@@ -69,6 +72,61 @@ class Range(eqx.Module):
         """The inverse of `scaled`."""
         return (values + 1.0) * self.half + self.low
 
+    def holds(self, values: Float[Array, "feature"]) -> Bool[Array, "feature"]:
+        """Which values of one case lie in the range, rounding (`SLACK`) granted; NaN does not."""
+        return jnp.abs(self.scaled(values)) <= 1.0 + SLACK
+
+
+class Parts(NamedTuple):
+    """What every network is made of, and what its file holds."""
+
+    perceptron: Perceptron
+    inputs: Range
+    outputs: Range
+
+
+class Format(NamedTuple):
+    """What a kind of network is called in its file, the version of the layout, and how many numbers lead in and out (None: any)."""
+
+    kind: str
+    version: int
+    ends: tuple[int, int] | None = None
+
+    @property
+    def mark(self) -> str:
+        """What the file begins with."""
+        return f"rotorjax {self.kind} {self.version}"
+
+
+def write_parts(path: Path | str, form: Format, parts: Parts) -> None:
+    """Write all numbers as JSON, to the last digit. **Errors.** `InputError` where the path cannot be written to."""
+    numbers = {
+        name: {field.name: np.asarray(getattr(part, field.name)).tolist() for field in dataclasses.fields(part)} for name, part in parts._asdict().items()
+    }
+    write_whole(Path(path), json.dumps({"format": form.mark, **numbers}, indent=1) + "\n")
+
+
+def read_parts(path: Path | str, form: Format) -> Parts:
+    """Read what `write_parts` wrote. **Errors.** ``ValueError`` for another format, numbers missing, or shapes that do not fit."""
+    text = read_text(Path(path))
+    try:
+        content: dict[str, Any] = json.loads(text)
+        if content["format"] != form.mark:
+            raise ValueError(f"its format is {content['format']!r} instead of {form.mark!r}")
+        parts = Parts(Perceptron(**content["perceptron"]), Range(**content["inputs"]), Range(**content["outputs"]))
+        (hidden, features), (targets,) = parts.perceptron.weight_in.shape, parts.perceptron.bias_out.shape
+        expected = [(hidden, features), (hidden,), (targets, hidden), (targets,), (features,), (features,), (targets,), (targets,)]
+        if [leaf.shape for leaf in jax.tree.leaves(parts)] != expected:
+            raise ValueError("shapes do not fit together")
+        if form.ends not in (None, (features, targets)):
+            raise ValueError(f"it leads from {features} numbers to {targets} instead of {form.ends[0]} to {form.ends[1]}")
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"{path}: not a {form.kind} that rotorjax wrote ({error}); train it anew and save it") from error
+    return parts
+
+
+FORMAT = Format("network", 2)
+
 
 class FaultNetwork(eqx.Module):
     """Faults (U_x, U_y, s_x, s_y) [kg m, m] from features (f1, f2, f3, f4) [m] of one speed, by a trained perceptron.
@@ -86,48 +144,38 @@ class FaultNetwork(eqx.Module):
         return self.outputs.unscaled(self.perceptron(self.inputs.scaled(features)))
 
     def diagnose(self, features: Float[AnyArray, "*case feature"]) -> Float[np.ndarray, "*case target"]:
-        """Faults [kg m, kg m, m, m] of many cases, from features [m]; both (..., 4). It knows nothing beyond the range it was trained in.
+        """Faults [kg m, kg m, m, m] of many cases, from features [m]; both (..., 4).
+
+        It knows nothing beyond the range it was trained in, and answers there all the same: ask `within` which cases to believe.
 
         **Errors.** ``ValueError`` in single precision, for features that are not finite or not four to a case.
         """
-        require_float64("a diagnosis")
-        f = checked_features(features, self.inputs.low.shape[0])
-        return np.asarray(_many(self, jnp.asarray(f.reshape(-1, f.shape[-1])))).reshape(*f.shape[:-1], -1)
+        return _each(self, self._checked(features))
+
+    def within(self, features: Float[AnyArray, "*case feature"]) -> Bool[np.ndarray, "*case"]:
+        """Which cases have every feature [m] in the range trained, with a margin of 1e-9 of half that range. **Errors.** As for `diagnose`."""
+        return np.asarray(np.all(_each(self.inputs.holds, self._checked(features)), axis=-1))
 
     def save(self, path: Path | str) -> None:
-        """Write all numbers as JSON, to the last digit."""
-        path = Path(path)
-        numbers = {name: np.asarray(leaf).tolist() for name, leaf in _named(self).items()}
-        write_whole(path, json.dumps({"format": FORMAT, **numbers}, indent=1) + "\n")
+        """Write all numbers as JSON, to the last digit. **Errors.** `InputError` where the path cannot be written to."""
+        write_parts(path, FORMAT, Parts(self.perceptron, self.inputs, self.outputs))
 
     @classmethod
     def load(cls, path: Path | str) -> "FaultNetwork":
         """Read what `save` wrote. **Errors.** ``ValueError`` for another file."""
-        path = Path(path)
-        text = read_text(path)
-        try:
-            content: dict[str, Any] = json.loads(text)
-            if content.pop("format") != FORMAT:
-                raise KeyError("format")
-            perceptron = Perceptron(*(content[name] for name in ("weight_in", "bias_in", "weight_out", "bias_out")))
-            inputs, outputs = (Range(content[f"{side}_low"], content[f"{side}_high"]) for side in ("inputs", "outputs"))
-            hidden, features = perceptron.weight_in.shape
-            shapes = [np.shape(leaf) for leaf in (perceptron.bias_in, perceptron.weight_out, inputs.low, inputs.high, outputs.low, outputs.high)]
-            targets = perceptron.bias_out.shape
-            if shapes != [(hidden,), (*targets, hidden), (features,), (features,), targets, targets]:
-                raise ValueError("shapes do not fit together")
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise ValueError(f"{path}: not a network that rotorjax wrote ({error}); train it anew and save it") from error
-        return cls(perceptron, inputs, outputs)
+        return cls(*read_parts(path, FORMAT))
+
+    def _checked(self, features: Float[AnyArray, "*case feature"]) -> Float[np.ndarray, "*case feature"]:
+        require_float64("a diagnosis")
+        return checked_features(features, self.inputs.low.shape[0])
 
 
 @eqx.filter_jit
-def _many(network: FaultNetwork, features: Float[Array, "sample feature"]) -> Float[Array, "sample target"]:
-    return jax.vmap(network)(features)
+def _many(one: Callable[[Array], Array], features: Float[Array, "sample feature"]) -> Shaped[Array, "sample target"]:
+    return jax.vmap(one)(features)
 
 
-def _named(network: FaultNetwork) -> dict[str, Array]:
-    p = network.perceptron
-    sides = {"inputs": network.inputs, "outputs": network.outputs}
-    ranges = {f"{side}_{end}": getattr(values, end) for side, values in sides.items() for end in ("low", "high")}
-    return {"weight_in": p.weight_in, "bias_in": p.bias_in, "weight_out": p.weight_out, "bias_out": p.bias_out, **ranges}
+def _each(one: Callable[[Array], Array], features: Float[np.ndarray, "*case feature"]) -> Shaped[np.ndarray, "*case target"]:
+    """A function of one case, of many."""
+    found = np.asarray(_many(one, jnp.asarray(features.reshape(-1, features.shape[-1]))))
+    return found.reshape(*features.shape[:-1], found.shape[-1])

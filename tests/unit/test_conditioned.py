@@ -1,6 +1,7 @@
 """One network for any speed of a range: beside the exact inverse, its symmetries, refusals, and its file."""
 
 import json
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -13,7 +14,9 @@ from rotorjax._core import RPM
 from rotorjax.compensation import inherent_fault
 from rotorjax.conditioned import ConditionedNetwork, Ratios, train_conditioned
 from rotorjax.features import FaultValues, components, feature_map, inverse_map
+from rotorjax.network import SLACK
 
+COMMITTED = Path(__file__).parents[2] / "benchmarks" / "results" / "conditioned.json"
 NOISE = 1e-7
 """Standard error of a feature [m]."""
 SPEEDS = (600.0, 1000.0, 1500.0, 2000.0, 2197.3, 2250.0, 2307.1, 2500.0, 3000.0, 3500.0)
@@ -103,6 +106,35 @@ def test_outside_the_range_is_refused(network, paper_rotor):
         network.at(Jeffcott(1.0, [6e4, 5e4], 0.01, bow_through_damping=True), 1500.0)
 
 
+def test_within_is_where_it_serves(network, paper_rotor):
+    low, high = network.speeds_rpm(paper_rotor)
+    speeds = np.array([[low - 1.0, low + 1.0, 1500.0], [high - 1.0, high + 1.0, np.nan]])
+    inside = network.within(paper_rotor, speeds)
+    assert inside.dtype == bool
+    assert inside.tolist() == [[False, True, True], [True, False, False]]
+    assert network.within(paper_rotor, 1500.0).shape == ()
+    finite = np.isfinite(np.asarray(jax.vmap(lambda s: network.matrix(paper_rotor, s))(jnp.asarray(speeds.ravel() * RPM)))).all(axis=(1, 2))
+    assert finite.tolist() == inside.ravel().tolist()
+    assert not network.within(Jeffcott(1.0, [6e4, 5e4], [0.01, 0.2]), speeds).any()
+    assert network.within(Jeffcott(1.0, [6e4, 5e4], [0.0, 0.05]), 1500.0)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_within_diagnose_and_matrix_agree_at_the_ends(network, paper_rotor, end):
+    """Rounding is granted by all three, and no more."""
+    edge, sign = network.speeds_rpm(paper_rotor)[end], (-1.0, 1.0)[end]
+    half, ratio = 0.5 * (2.0 - 0.2), (0.2, 2.0)[end]
+    for share, served in ((0.0, True), (0.9, True), (1.1, False)):
+        speed = edge * (1.0 + sign * share * SLACK * half / ratio)
+        assert network.within(paper_rotor, speed) == served
+        assert np.isfinite(np.asarray(network.matrix(paper_rotor, jnp.asarray(speed * RPM)))).all() == served
+        if served:
+            assert np.isfinite(network.diagnose(paper_rotor, speed, np.ones(4))).all()
+        else:
+            with pytest.raises(ValueError, match="for this rotor the network serves"):
+                network.diagnose(paper_rotor, speed, np.ones(4))
+
+
 def test_equal_axes_are_refused(network):
     with pytest.raises(ValueError, match="unbalance and bow cannot be told apart at 1500 rpm: the axes are equally stiff"):
         network.diagnose(Jeffcott(1.0, 5e4, 0.01), 1500.0, np.ones(4))
@@ -126,10 +158,27 @@ def test_saved_and_loaded(network, paper_rotor, tmp_path):
     loaded = ConditionedNetwork.load(path)
     assert np.array_equal(loaded.at(paper_rotor, 1500.0).matrix, network.at(paper_rotor, 1500.0).matrix)
     content = json.loads(path.read_text(encoding="utf-8"))
-    for broken in ({}, {**content, "format": "other"}, {**content, "inputs": content["perceptron"]}, {**content, "outputs": {"low": [0.0], "high": [1.0]}}):
+    four = {"weight_in": [[0.0] * 4], "bias_in": [0.0], "weight_out": [[0.0]] * 4, "bias_out": [0.0] * 4}
+    span = {"low": [0.0] * 4, "high": [1.0] * 4}
+    for broken in (
+        {},
+        {**content, "format": "other"},
+        {**content, "format": "rotorjax network 2"},
+        {**content, "inputs": content["perceptron"]},
+        {**content, "outputs": {"low": [0.0], "high": [1.0]}},
+        {**content, "perceptron": four, "inputs": span, "outputs": span},
+    ):
         path.write_text(json.dumps(broken), encoding="utf-8")
         with pytest.raises(ValueError, match="not a conditioned network that rotorjax wrote"):
             ConditionedNetwork.load(path)
+
+
+def test_the_committed_network_loads(paper_rotor, tmp_path):
+    """What the experiment wrote: as good as a fresh one, and the same bytes when saved again."""
+    loaded = ConditionedNetwork.load(COMMITTED)
+    assert relative(np.asarray(loaded.at(paper_rotor, 1500.0).matrix), inverse_map(paper_rotor, 1500.0)) < 1e-6
+    loaded.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == COMMITTED.read_bytes()
 
 
 def test_same_key_same_network(network):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rotorjax.errors import InputError
-from rotorjax.network import FORMAT, FaultNetwork, Perceptron, Range
+from rotorjax.network import FORMAT, SLACK, FaultNetwork, Format, Parts, Perceptron, Range, read_parts, write_parts
 
 FEATURES, HIDDEN, TARGETS = 4, 5, 4
 WEIGHTS = HIDDEN * (FEATURES + 1) + TARGETS * (HIDDEN + 1)
@@ -125,6 +125,54 @@ def test_diagnose_refuses_what_is_not_finite_and_names_it(network, features):
         network.diagnose(features[4])
 
 
+# The range trained
+
+
+def test_within_is_where_every_feature_lies_in_the_range(network, features):
+    inside = network.within(features)
+    assert inside.shape == (7,)
+    assert inside.dtype == bool
+    assert inside.all()
+    for column in range(FEATURES):
+        for beyond in (-0.0901, 0.0801):
+            moved = features.copy()
+            moved[3, column] = beyond
+            assert network.within(moved).tolist() == [True, True, True, False, True, True, True]
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_within_grants_rounding_and_no_more(network, end):
+    sign = {"low": -1.0, "high": 1.0}[end]
+    at, half = np.asarray(getattr(network.inputs, end)), np.asarray(network.inputs.half)
+    assert network.within(at)
+    assert network.within(at + sign * 0.9 * SLACK * half)
+    for column in np.eye(FEATURES):
+        assert not network.within(at + sign * 1.1 * SLACK * half * column)
+        assert network.within(at - sign * 1.1 * SLACK * half * column)
+
+
+def test_within_holds_for_all_cases_trained(network, rng):
+    data = rng.standard_normal((200, 4)) * np.array([1e-6, 1.0, 1e3, 1.0]) + np.array([0.0, 5.0, -2.0, 1.0])
+    trained = FaultNetwork(network.perceptron, Range.of(data, "features"), network.outputs)
+    assert trained.within(data).all()
+
+
+def test_within_keeps_the_shape_of_the_cases(network, features):
+    features[1, 2] = 1.0
+    assert network.within(features[:6].reshape(2, 3, 4)).tolist() == [[True, False, True], [True, True, True]]
+    assert network.within(features[1]).shape == ()
+    assert network.within(features[:0]).shape == (0,)
+    assert network.diagnose(features[:0]).shape == (0, 4)
+
+
+def test_within_refuses_what_diagnose_refuses(network, features):
+    with pytest.raises(ValueError, match=r"features have shape \(3,\): give f1, f2, f3, f4 along the last axis, in metres"):
+        inspect.unwrap(FaultNetwork.within)(network, np.zeros(3))
+    features[4, 1] = np.nan
+    with pytest.raises(ValueError, match="feature f2 of case 4 is not finite: leave that case out"):
+        network.within(features)
+
+
 # Files
 
 
@@ -141,18 +189,45 @@ def test_saved_and_loaded_is_the_same_to_the_last_bit(network, features, tmp_pat
 
 
 def without_bias(content):
-    del content["bias_in"]
+    del content["perceptron"]["bias_in"]
+
+
+def without_outputs(content):
+    del content["outputs"]
 
 
 def of_another_version(content):
-    content["format"] = FORMAT.replace("1", "2")
+    content["format"] = FORMAT._replace(version=FORMAT.version + 1).mark
+
+
+def of_another_kind(content):
+    content["format"] = FORMAT._replace(kind="conditioned network").mark
 
 
 def of_words(content):
-    content["weight_in"] = [["one", "two"]]
+    content["perceptron"]["weight_in"] = [["one", "two"]]
 
 
-@pytest.mark.parametrize("change", [without_bias, of_another_version, of_words])
+def of_too_many_weights(content):
+    content["perceptron"]["weight_out"].append([0.0] * HIDDEN)
+
+
+def of_too_few_ranges(content):
+    content["inputs"] = {"low": [0.0], "high": [1.0]}
+
+
+def of_one_row(content):
+    content["perceptron"]["weight_in"] = content["perceptron"]["weight_in"][0]
+
+
+def with_more(content):
+    content["inputs"]["middle"] = [0.0]
+
+
+CHANGES = [without_bias, without_outputs, of_another_version, of_another_kind, of_words, of_too_many_weights, of_too_few_ranges, of_one_row, with_more]
+
+
+@pytest.mark.parametrize("change", CHANGES)
 def test_a_changed_file_is_refused(network, tmp_path, change):
     path = tmp_path / "network.json"
     network.save(path)
@@ -169,6 +244,32 @@ def test_another_file_is_refused(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"other\.json: (not a network that rotorjax wrote|encoded as UTF-16)"):
         FaultNetwork.load(path)
+
+
+def test_the_layout_is_nested(network, tmp_path):
+    network.save(tmp_path / "network.json")
+    content = json.loads((tmp_path / "network.json").read_text())
+    assert {name: list(part) for name, part in content.items() if name != "format"} == {
+        "perceptron": ["weight_in", "bias_in", "weight_out", "bias_out"],
+        "inputs": ["low", "high"],
+        "outputs": ["low", "high"],
+    }
+    assert content["format"] == "rotorjax network 2"
+
+
+def test_the_flat_layout_of_before_is_named(tmp_path):
+    path = tmp_path / "old.json"
+    path.write_text('{"format": "rotorjax network 1", "weight_in": [[1.0]]}')
+    with pytest.raises(ValueError, match=r"its format is 'rotorjax network 1' instead of 'rotorjax network 2'.*; train it anew and save it"):
+        FaultNetwork.load(path)
+
+
+def test_a_format_of_other_ends_is_refused(network, tmp_path):
+    path, parts = tmp_path / "network.json", Parts(network.perceptron, network.inputs, network.outputs)
+    write_parts(path, Format("test", 1), parts)
+    assert read_parts(path, Format("test", 1, (FEATURES, TARGETS))).perceptron.size == WEIGHTS
+    with pytest.raises(ValueError, match=r"network\.json: not a test that rotorjax wrote \(it leads from 4 numbers to 4 instead of 2 to 4\)"):
+        read_parts(path, Format("test", 1, (2, TARGETS)))
 
 
 def test_saving_into_a_missing_folder_is_refused(network, tmp_path):
