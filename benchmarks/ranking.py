@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rotorjax import Conditions, Jeffcott, Measurement, Model, effects
-from rotorjax.discovery.descent import declared_starts
+from rotorjax.discovery.data import declared_starts
 from rotorjax.discovery.noise import NO_NOISE
 from rotorjax.discovery.race import Contest, Effects, Known, make_contest, race
 from rotorjax.effects import CATALOG

@@ -27,6 +27,7 @@ from .model import Conditions as Conditions
 from .model import Effect as Effect
 from .model import Excitation as Excitation
 from .model import ExcitationEffect as ExcitationEffect
+from .model import Instant as Instant
 from .model import Layout as Layout
 from .model import Matrices as Matrices
 from .model import MatrixEffect as MatrixEffect
@@ -35,9 +36,11 @@ from .model import OperatingPoint as OperatingPoint
 from .model import Probes as Probes
 from .model import Reading as Reading
 from .model import ReadingEffect as ReadingEffect
+from .model import RestoringEffect as RestoringEffect
 from .model import SpeedEffect as SpeedEffect
 from .model import Support as Support
 from .model import SupportEffect as SupportEffect
+from .model import WaveformEffect as WaveformEffect
 from .model import parameter as parameter
 from .response import response as response
 from .rotor import Jeffcott as Jeffcott

@@ -107,6 +107,8 @@ class Quadratic(NamedTuple):
     gradient: Float[Array, "param"]
     hessian: Float[Array, "param param"]
     extra: Any = ()
+    memory: Any = ()
+    """What the next evaluation, near by, may begin from."""
 
 
 class Tolerance(NamedTuple):
@@ -141,9 +143,10 @@ class _State(NamedTuple):
 
 
 def levenberg_marquardt(
-    quadratic: Callable[[Float[Array, "param"]], Quadratic],
+    quadratic: Callable[[Float[Array, "param"], Any], Quadratic],
     start: Float[Array, "param"],
     *,
+    memory: Any = (),
     damping: Float[Array, ""] | float = FIRST_DAMPING,
     max_steps: int = 60,
     tolerance: Tolerance = FINE,
@@ -154,8 +157,8 @@ def levenberg_marquardt(
     fourfold on failure. The descent has converged when, at small λ, the fall of the cost that the next step
     promises, or that the last one brought, is within the tolerance.
 
-    **Arguments:** ``quadratic`` point -> `Quadratic`, traced once; entries that are not free have zero gradient,
-    zero off-diagonals and a positive diagonal. ``start``: the point to begin with; ``damping``: λ
+    **Arguments:** ``quadratic``: point and the ``memory`` of the best one so far -> `Quadratic`, traced once; entries that are not free have zero gradient,
+    zero off-diagonals and a positive diagonal. ``start``: the point to begin with, ``memory`` that there; ``damping``: λ
     to begin with, that of an earlier descent to go on with it. **Returns** a `Descent`, under
     ``vmap`` one per start. Nothing is raised here: see ``RESULT_TEXT``.
     """
@@ -170,7 +173,7 @@ def levenberg_marquardt(
         return point + step, -(at.gradient @ step + 0.5 * step @ at.hessian @ step)
 
     def step(state: _State) -> _State:
-        there = quadratic(state.trial)
+        there = quadratic(state.trial, state.quadratic.memory)
         better = jnp.isfinite(there.cost) & (there.cost <= state.quadratic.cost)
         moved, fall = (state.trial, there), state.quadratic.cost - there.cost
         point, best = jax.tree.map(lambda a, b: jnp.where(better, a, b), moved, (state.point, state.quadratic))
@@ -182,8 +185,8 @@ def levenberg_marquardt(
         return _State(point, best, trial, promise, damping, state.steps + 1, done)
 
     quadratic = jax.jit(quadratic)  # traced once for its shapes and for the loop
-    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(quadratic, start))
-    nowhere = blank._replace(cost=jnp.full_like(blank.cost, jnp.inf))
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(quadratic, start, memory))
+    nowhere = blank._replace(cost=jnp.full_like(blank.cost, jnp.inf), memory=memory)
     begin = _State(start, nowhere, start, jnp.asarray(jnp.inf), jnp.asarray(damping, dtype=float), jnp.asarray(0), jnp.asarray(False))
     end = jax.lax.while_loop(lambda s: ~s.done & (s.steps < max_steps), step, begin)
     finite = jnp.isfinite(end.quadratic.cost)

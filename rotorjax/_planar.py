@@ -3,11 +3,13 @@
 import dataclasses
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Inexact
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Vector:
     """A pair along x and y; components are scalars, real or complex."""
@@ -30,6 +32,7 @@ class Vector:
         return Vector(factor * self.x, factor * self.y)
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Matrix:
     """A 2x2 matrix; components are scalars, real or complex."""

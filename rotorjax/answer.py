@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
-from rotorjax._core import CONVERGED, MICROMETRE
+from rotorjax._core import CONVERGED, MICROMETRE, unit_of
 from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.noise import NO_SCATTER
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked
@@ -40,7 +41,7 @@ def sentence(found: Explanation) -> str:
         "undecided": [f"Undecided: {listed(found.effects)}, but others do as well.", first, _fall(found)],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
-    return " ".join([*(part for part in parts if part), *_ties(found), _left(found)])
+    return " ".join([*(part for part in parts if part), *_ties(found), _left(found), *_missing_force(found)])
 
 
 def _nothing(found: Explanation) -> str:
@@ -88,6 +89,58 @@ def _left(found: Explanation) -> str:
     judged = "is more than" if found.verdict == "unexplained" else "is what"
     allow = "" if found.verdict == "unexplained" else " allow" if scatter else " allows"
     return f"What is left {judged} the noise{scatter}{allow} (p {sign or '='} {number(p.value, 2)}, {p.draws} draws)."
+
+
+def _missing_force(found: Explanation) -> list[str]:
+    """What the missing force looks like, and what the terms do in the response."""
+    named = found.named_force
+    if named is None:
+        return []
+    if named.force.reason is not None:
+        return [f"The missing force cannot be shown: {named.force.reason}."]
+    if named.fit is None:
+        return ["The force that is missing has no simple shape."]
+    after = number(found.story.measurement.rms_of(named.fit.predicted) / MICROMETRE)
+    held = f" ({number(named.fit.held_out_rms / MICROMETRE)} µm on data held out)" if named.fit.held_out_rms is not None else ""
+    beside = f"beside {listed(named.beside)}" if named.beside else "beside the model as declared"
+    rest = ", which is what the noise allows" if named.enough else ", still more than the noise"
+    return [f"The force that is missing {beside} looks like this: {named.words}. Added as a term it brings the error to {after} µm rms{held}{rest}."]
+
+
+def missing_force_table(named: NamedForce) -> Table | None:
+    """Terms of the missing force with their values: in the equation of motion, then fitted in the response."""
+    if named.fit is None:
+        return None
+    values = {(e.entry.effect, e.entry.label): e for e in named.fit.estimates}
+    rows = []
+    for term in named.terms:
+        for name, value in term.coefficients.items():
+            unit, e = unit_of(name), values.get((term.term, name))
+            fitted = [number(e.value / unit.factor), number(e.standard_error / unit.factor, 2)] if e is not None else ["", ""]
+            rows.append([f"{term.term}.{name}", term.words, number(value / unit.factor), *fitted, unit.shown])
+    note = "Hand a term to explain or fit by catalog=CATALOG | TERMS (rotorjax.effects.terms)."
+    others = sorted({words for term in named.terms for words in term.rivals})
+    note += f" Nearly as well in the equation of motion: {'; '.join(others)}." if others else ""
+    return Table("Terms of the missing force", ["term", "meaning", "in the equation", "in the response", "±", "unit"], rows, note)
+
+
+def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
+    if named is None:
+        return None
+    terms = [
+        {"term": t.term, "words": t.words, "coefficients": t.coefficients, "share": t.share, "gain": t.gain, "rivals": list(t.rivals)} for t in named.terms
+    ]
+    fitted = named.fit
+    return {
+        "reason": named.force.reason,
+        "beside": list(named.beside),
+        "terms": terms,
+        "parameters": None if fitted is None else {e.entry.key: {"value": e.value, "standard_error": e.standard_error} for e in fitted.estimates},
+        "rms_um": None if fitted is None else named.force.measurement.rms_of(fitted.predicted) / MICROMETRE,
+        "held_out_rms_um": None if fitted is None or fitted.held_out_rms is None else fitted.held_out_rms / MICROMETRE,
+        "reduced_chi2": None if fitted is None else fitted.reduced_chi2,
+        "enough": named.enough,
+    }
 
 
 def _ties(found: Explanation) -> list[str]:
@@ -184,7 +237,8 @@ def _chi2(found: Explanation, ranked: Ranked) -> str:
 
 def explanation_tables(found: Explanation) -> list[Table]:
     """Error fall, parameters, rankings."""
-    return [*step_tables(found.story), *ranking_tables(found)]
+    terms = None if found.named_force is None else missing_force_table(found.named_force)
+    return [*step_tables(found.story), *([terms] if terms is not None else []), *ranking_tables(found)]
 
 
 def explanation_text(found: Explanation) -> str:
@@ -241,6 +295,7 @@ def explanation_json(found: Explanation) -> dict[str, Any]:
         "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
         "p_value": None if found.p_value is None else found.p_value.value,
         "p_value_draws": None if found.p_value is None else found.p_value.draws,
+        "missing_force": _missing_force_json(found.named_force),
         "findings": notes(found),
     }
 

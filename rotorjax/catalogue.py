@@ -26,6 +26,10 @@ _QUANTITIES = {
     "eccentricity": " × e (G6.3 at ω_n)",
     "unbalance": " × M e (G6.3 at ω_n)",
     "force": " × K e (G6.3 at ω_n)",
+    "cubic": " × K / e² (G6.3 at ω_n)",
+    "curvature": " / e (G6.3 at ω_n)",
+    "drag": " × C / (e ω_n)",
+    "damping_force": " × C e ω_n",
 }
 
 

@@ -185,13 +185,13 @@ def write_report(path: Path, result: "Story | Explanation", *, title: str) -> No
     from rotorjax.answer import explanation_page
     from rotorjax.discovery.story import Story
     from rotorjax.io.files import write_whole
-    from rotorjax.pictures import story_pictures
+    from rotorjax.pictures import explanation_pictures, story_pictures
     from rotorjax.report import comparison_page, html_report
 
     if isinstance(result, Story):
         page = comparison_page(result, title=title, pictures=story_pictures(result))
     else:
-        page = explanation_page(result, title=title, pictures=story_pictures(result.story))
+        page = explanation_page(result, title=title, pictures=explanation_pictures(result))
     write_whole(path, html_report(page))
 
 

@@ -99,6 +99,17 @@ class Measurement:
         """Root mean square of |z| over the cells present [m]."""
         return float(np.sqrt(np.mean(np.abs(self.vectors[self.present]) ** 2)))
 
+    def rms_of(self, predicted: Complex[np.ndarray, "case probe order"]) -> float:
+        """Root mean square of |measured - predicted| over the cells present, half orders at the sign nearer to the prediction [m]."""
+        half = np.array([is_half_order(order) for order in self.orders])
+        both = np.minimum(np.abs(self.vectors - predicted), np.where(half, np.abs(self.vectors + predicted), np.inf))
+        return float(np.sqrt(np.mean(both[self.present] ** 2)))
+
+    @property
+    def reach(self) -> float:
+        """Largest displacement that all orders and probes of a case add up to, at least 1e-9 [m]."""
+        return max(float(np.max(np.linalg.norm(np.sum(np.abs(self.vectors), axis=2), axis=1))), 1e-9)
+
     def speed_cluster(self) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
         """Cluster index of every case, and the mean speed of each cluster [rpm]."""
         return cluster_speeds(self.speed_rpm)

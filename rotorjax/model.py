@@ -69,7 +69,10 @@ class Parameter(NamedTuple):
 
     def prior_scale(self, rotor: "AbstractRotor") -> float:
         """Prior standard deviation in SI: ``scale`` times the rig's quantity ``of``."""
-        return self.scale * rotor.quantities()[self.of]
+        quantities = rotor.quantities()
+        if self.of not in quantities:
+            raise ValueError(f"parameter {self.name}: of={self.of!r} is no quantity of the rig; it has {', '.join(quantities)}")
+        return self.scale * quantities[self.of]
 
     def shape(self, layout: Layout) -> tuple[int, ...]:
         """One length per axis."""
@@ -115,16 +118,21 @@ class AbstractRotor(eqx.Module):
         mass, stiffness = float(self.mass), float(np.mean(np.asarray(self.stiffness)))
         frequency = math.sqrt(stiffness / mass)
         eccentricity = BALANCE_GRADE / frequency
+        damping = max(float(np.mean(np.asarray(self.damping))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass))
         return {
             "one": 1.0,
             "mass": mass,
             "stiffness": stiffness,
-            "damping": max(float(np.mean(np.asarray(self.damping))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass)),
+            "damping": damping,
             "compliance": 1.0 / stiffness,
             "period": 1.0 / frequency,
             "eccentricity": eccentricity,
             "unbalance": mass * eccentricity,
             "force": stiffness * eccentricity,
+            "cubic": stiffness / eccentricity**2,
+            "curvature": 1.0 / eccentricity,
+            "drag": damping / (eccentricity * frequency),
+            "damping_force": damping * eccentricity * frequency,
         }
 
     def __add__(self, effect: "Effect") -> "Model":
@@ -184,7 +192,8 @@ class Effect(eqx.Module):
     """One physical effect, local to a station, written for one case at one speed; ``vmap`` is the caller's business.
 
     A final subclass sets the class data, declares its parameters as fields by `parameter`, and inherits from one
-    or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `ReadingEffect`.
+    or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `RestoringEffect`, `ReadingEffect`,
+    `WaveformEffect`.
     """
 
     name: AbstractClassVar[str]
@@ -195,6 +204,8 @@ class Effect(eqx.Module):
     """Where the equation is from."""
     starts: ClassVar[tuple[dict[str, float], ...]] = ({},)
     """Starting points of a fit, in prior scales; a parameter that is not named starts at its null."""
+    over_amplitude: ClassVar[tuple[str, ...]] = ()
+    """Parameters whose starts are in units of one over the largest displacement measured, instead of prior scales."""
     sufficient: ClassVar[Plan] = Plan()
     """A measurement that is enough to find it, or what it ties with."""
     relatives: ClassVar[tuple[str, ...]] = ()
@@ -262,6 +273,48 @@ class Reading(NamedTuple):
     gain: Complex[Array, "*probe"] | Float[Array, "*probe"] | float = 1.0
     delay: Float[Array, ""] | float = 0.0
     phase: Float[Array, ""] | float = 0.0
+
+
+class Instant(NamedTuple):
+    """One moment of the motion of one case: what a force may depend on."""
+
+    rotor: AbstractRotor
+    speed: Float[Array, ""]
+    """Ω, rad/s: the true one, after speed effects."""
+    angle: Float[Array, ""]
+    """Shaft angle φ = Ωt since the phase reference, rad, counted in the sense of rotation."""
+    position: Float[Array, "dof"]
+    """Disk in space, from where it would be without weight and bow, m."""
+    velocity: Float[Array, "dof"]
+    """Its velocity, m/s."""
+    deflection: Float[Array, "dof"]
+    """Of the shaft: the position less the bow, m."""
+
+    @property
+    def down(self) -> Float[Array, "dof"]:
+        """Unit vector of gravity, zero for a vertical shaft."""
+        return self.rotor.gravity / jnp.maximum(jnp.hypot(self.rotor.gravity[0], self.rotor.gravity[1]), 1e-12)
+
+    def turning(self, pair: Float[Array, "dof"], *, times: float = 1.0) -> Float[Array, "dof"]:
+        """A vector (p_x, p_y) fixed in the shaft, in space at this moment; ``times``: per turn of the shaft."""
+        cosine, sine = jnp.cos(times * self.angle), jnp.sin(times * self.angle)
+        return jnp.stack([pair[0] * cosine - pair[1] * sine, self.rotor.spin * (pair[0] * sine + pair[1] * cosine)])
+
+
+class RestoringEffect(Effect):
+    """A force that depends on motion and shaft angle: the response then comes from harmonic balance."""
+
+    @abc.abstractmethod
+    def force(self, instant: Instant) -> Float[Array, "dof"]:
+        """Force that resists [N]: it stands beside K q on the left-hand side of the equation of motion."""
+
+
+class WaveformEffect(Effect):
+    """Changes the waveform that a probe delivers."""
+
+    @abc.abstractmethod
+    def distorted(self, waveform: Float[Array, "probe"]) -> Float[Array, "probe"]:
+        """What comes out [m] of what goes in [m], at one moment."""
 
 
 class SpeedEffect(Effect):

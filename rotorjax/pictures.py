@@ -7,6 +7,8 @@ from matplotlib.figure import Figure
 from rotorjax import plots
 from rotorjax._core import MICROMETRE
 from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.story import Story
 from rotorjax.model import Conditions
 from rotorjax.report import step_labels, steps
@@ -27,6 +29,25 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
     figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
     figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.fits else "") + "; grey: not measured.", _maps(story)))
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
+
+
+def explanation_pictures(found: Explanation) -> list[tuple[str, bytes]]:
+    """The same, and the force that is missing where nothing explains."""
+    pictures = story_pictures(found.story)
+    named = found.named_force
+    if named is not None and named.force.reason is None:
+        beside = f"the model with {' and '.join(named.beside)}" if named.beside else "the model as declared"
+        caption = f"The force that acts on the rotor beside {beside}, from the measured orders, with a band of one standard error."
+        pictures.insert(0, (caption, plots.svg(_missing_force(named))))
+    return pictures
+
+
+def _missing_force(named: NamedForce) -> Figure:
+    drawn, axes = plots.figure(12.0, 6.4, 2, 3)
+    for dof in (0, 1):
+        for k, over in enumerate(("displacement", "velocity", "angle")):
+            plots.missing_force(axes[3 * dof + k], named.force, over=over, dof=dof, legend=dof == 0 and k == 0)  # pyright: ignore
+    return drawn
 
 
 def headline_figure(story: Story) -> Figure:

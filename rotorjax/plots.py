@@ -2,6 +2,7 @@
 
 import io
 import warnings
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -12,6 +13,8 @@ from matplotlib.figure import Figure
 
 from rotorjax._core import MICROMETRE
 from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.missing_force import MissingForce
+from rotorjax.harmonic import SAMPLES
 
 COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
 """Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
@@ -209,3 +212,33 @@ def grouped_bars(axes: Axes, groups: list[str], series: dict[str, list[float]], 
 
 _SERIES = ("#9aa5b1", "#8fb8de", "#1b5e9c", "#f0a868", "#c8500a", "#2e7d4f")
 """Fills for bars: grey for nothing done, then pairs of light and dark."""
+
+
+def missing_force(axes: Axes, found: MissingForce, *, over: Literal["displacement", "velocity", "angle"], dof: int, most: int = 4, legend: bool = True) -> Axes:
+    """The force along x (0) or y (1) that the model lacks [N], over displacement, velocity or shaft angle, with a band of one standard error.
+
+    The ``most`` cases with the largest force beyond noise, one colour each; force along x and y to the same scale. No curves where nothing can be said.
+    """
+    m, name = found.measurement, "xy"[dof]
+    waves, label = {
+        "displacement": (found.displacement / MICROMETRE, f"displacement {name}, µm"),
+        "velocity": (1e3 * found.velocity, f"velocity {name}, mm/s"),
+        "angle": (np.broadcast_to(np.degrees(found.angle)[None, None], found.force.shape), "shaft angle after the phase reference, deg"),
+    }[over]
+    largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
+    for colour, case in zip(COLOURS, sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
+        at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
+        if over == "angle":
+            at[-1] = at[-2] + at[1] - at[0]
+        axes.plot(at, force, "-", color=colour, linewidth=1.2, label=f"{m.runs[m.run[case]]}, {m.speed_rpm[case]:.0f} rpm")
+        axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
+    axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.set(xlabel=label, ylabel=f"force missing along {name}, N")
+    if over == "angle":
+        axes.set(xlim=(0.0, 360.0 * len(found.angle) / SAMPLES), xticks=np.arange(0, 361, 90) * len(found.angle) // SAMPLES)
+    if largest:
+        axes.set_ylim(_with_room(found.force[largest]))
+    if largest and legend:
+        axes.legend(fontsize=7, loc="upper center", ncols=2)
+    axes.grid(alpha=0.3)
+    return axes

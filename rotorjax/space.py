@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float, Int
 from rotorjax._core import Unit, unit_of
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Knowledge
-from rotorjax.model import Effect, Model
+from rotorjax.model import Effect, Model, RestoringEffect, WaveformEffect
+from rotorjax.response import motion_shape
 
 
 class Entry(NamedTuple):
@@ -70,17 +71,36 @@ class Space(eqx.Module):
         return centre + np.where(self.logarithmic, (1.0 + centre) * factor, moved)
 
     def model_at(self, unknowns: Float[np.ndarray, "param"]) -> Model:
-        """`at` for known numbers, outside compiled code."""
+        """`at` for known numbers, outside compiled code; without forces depending on motion that are at their null."""
         leaves, structure = jax.tree.flatten(self.model.effects)
         parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
         effects = [jnp.asarray(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
-        return eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
+        full = eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
+        for effect in full.effects:
+            if isinstance(effect, RestoringEffect | WaveformEffect) and not any(np.any(np.asarray(v)) for v in effect.values()):
+                full = full.without(effect.name)
+        return full
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""
         unknowns = np.zeros(len(self.entries))
         unknowns[np.asarray(self.unknown)] = (_given(self.model) - np.asarray(self.centre)) / np.asarray(self.scale)
         return unknowns
+
+    def timed(self) -> Bool[np.ndarray, "param"]:
+        """Unknowns of effects that make the orders depend on one another."""
+        names = {e.name for e in self.model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
+        mask = np.zeros(len(self.entries), dtype=bool)
+        mask[[e.unknown for e in self.entries if e.effect in names]] = True
+        return mask
+
+    def motion_shape(self) -> tuple[int, int, int]:
+        """Shape of the motion of a case, where orders depend on one another; any other where they cannot."""
+        return motion_shape(self.model) if self.timed().any() else (1, 2, 1)
+
+    def effects_of(self, mask: Bool[np.ndarray, "param"]) -> set[str]:
+        """Names of the effects that these unknowns belong to."""
+        return {e.effect for e in self.entries if mask[e.unknown]}
 
     def free(self, effects: list[str], fixed: frozenset[str] = frozenset()) -> np.ndarray:
         """Mask of the unknowns of these effects and of all that the user declared uncertain, less fixed keys."""

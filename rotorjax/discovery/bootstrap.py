@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax._core import numpy_pair
-from rotorjax.discovery.descent import QUICK, End, best_of, declared_starts, descend, predict
+from rotorjax.discovery.data import declared_starts
+from rotorjax.discovery.descent import QUICK, End, Start, best_of, descend
 from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest
 
@@ -34,11 +35,12 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
     noise = Noise(0.0, contest.floor.scatter)
     data = contest.data(noise, contender.best.point)
     free = contest.free(contender.effects)
-    declared = declared_starts(contest.space, contest.only_of(contender.effects))
-    starts = np.stack([*(end.point for end in contender.ends), *(np.where(free, s, contender.best.point) for s in declared)])[:BLIND_STARTS]
+    declared = declared_starts(contest.space, contest.only_of(contender.effects), contest.measurement.reach)
+    own_starts = [Start.at(end) for end in contender.ends]
+    starts = [*own_starts, *(own_starts[0]._replace(point=np.where(free, s, contender.best.point)) for s in declared)][:BLIND_STARTS]
 
     def fit(shifts: np.ndarray, model: np.ndarray | None) -> list[End]:
-        tasks = np.tile(starts, (len(shifts), 1))
+        tasks = starts * len(shifts)
         shown = data if model is None else data._replace(pairs=model)
         counted = np.broadcast_to(contest.training, (len(tasks), len(contest.training)))
         moved = np.repeat(shifts, len(starts), axis=0)
@@ -47,7 +49,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
 
     weight = np.asarray(data.weight).reshape(len(contest.training), -1)
     own = fit(np.zeros((1, *weight.shape)), None)[0]
-    pairs = numpy_pair(predict(contest.space, data.conditions, own.point[None])[0])
+    pairs = numpy_pair(own.shown)
     rng = np.random.default_rng(seed)
     per_call = max(1, QUICK.batch // len(starts))
     costs: list[float] = []

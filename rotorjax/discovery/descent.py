@@ -1,9 +1,8 @@
 """Descents of one least-squares cost from many starts and on many folds, compiled once per shape."""
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -13,25 +12,27 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Descent, Quadratic, Tolerance, levenberg_marquardt, numpy_pair, real_pair
-from rotorjax.discovery.noise import Noise, scatter_factor
-from rotorjax.inverse import fault_sensitivity
-from rotorjax.measurement import Measurement, is_half_order
-from rotorjax.model import Conditions, Layout, Model
-from rotorjax.response import vectors
+from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Descent, Quadratic, Tolerance, levenberg_marquardt, real_pair
+from rotorjax.discovery.data import LEAST_CASES, Data, filled, half_order_sign, size_class
+from rotorjax.harmonic import NEWTON_STEPS
+from rotorjax.model import Conditions, Layout
+from rotorjax.response import motions_of, vectors, vectors_from
 from rotorjax.space import Space
+from rotorjax.steady import restoring, without_timed
 
-MAX_STARTS = 32
-MAX_FOLDS, LEAST_RUN_FOLDS = 5, 4
 BATCH = 6
 """Descents run together: more make the fast ones wait for the slowest, fewer waste the vector units."""
-LEG, LEGS = 12, 5
+TIMED_BATCH = 4
+"""The same where orders are balanced together."""
+LEG, LEGS, TIMED_LEG = 12, 5, 4
 """Steps that a batch makes together, and how many times those not at their end yet go on, in fuller batches."""
 HOPELESS = 300.0
 """Cost above the best of a call on the same cases with which a descent does not go on for more than two legs."""
+LEAST_GAIN = 1.0
+"""Fall of the cost below which an effect cannot be detected."""
 KEPT_RIVALS = (3, 2, 1)
 """Starts of the same fit that go on after the first leg, the second, and all later ones."""
-LEAST_CASES, LEAST_RUNS, LEAST_UNKNOWNS, LEAST_POINTS = 16, 4, 4, 4
+LEAST_UNKNOWNS, LEAST_POINTS = 4, 4
 """Smallest sizes that are compiled: see `size_class`."""
 
 
@@ -48,101 +49,29 @@ THOROUGH, QUICK = Manner(FINE, BATCH), Manner(COARSE, 4 * BATCH)
 """For estimates; and for ranking many hypotheses."""
 
 
-class Data(NamedTuple):
-    """A measurement as the compiled code wants it."""
+class Solving(NamedTuple):
+    """How motions are found that orders share; the same for a whole batch."""
 
-    conditions: Conditions
-    pairs: Float[AnyArray, "case probe order 2"]
-    weight: Float[AnyArray, "case probe order 2"]
-    half_order: Bool[AnyArray, "order"]
-    run: Int[AnyArray, "case"]
-    scatter: Float[AnyArray, "case probe order 2 latent"]
-    """Whitened sensitivity to the random unbalance and bow of the case's run; zero if there is none."""
-    run_count: int
+    on: Bool[AnyArray, "effect"]
+    """Restoring effects that may be there."""
+    steps: int | Array
+    """Most steps of Newton's method; none: to first order from the motion given."""
 
 
-def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
-    """A measurement in units of its noise.
-
-    **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to
-    add to the table's.
-    """
-    weight = measurement.weights(noise.allowance)
-    factor = scatter_factor(measurement, model, noise.scatter)
-    if np.any(factor):
-        slopes = fault_sensitivity(model, measurement.conditions)
-        scatter = weight[..., None] * np.einsum("cpokd,cdl->cpokl", slopes, factor[measurement.run])
-    else:
-        scatter = np.zeros((*weight.shape, 0))
-    return Data(
-        measurement.conditions,
-        jnp.asarray(numpy_pair(measurement.vectors)),
-        jnp.asarray(weight),
-        jnp.asarray(np.array([is_half_order(order) for order in measurement.orders])),
-        jnp.asarray(measurement.run),
-        jnp.asarray(scatter),
-        len(measurement.runs),
-    )
+def _shown(space: Space, data: Data, unknowns: Array, motions: Array, solving: Solving) -> tuple[Float[Array, "case probe order 2"], Array]:
+    """What the model shows, and the motions found; without motions to begin with every order has its closed form."""
+    model = space.at(unknowns)
+    if not len(motions):
+        return real_pair(vectors(without_timed(model), data.conditions)), motions
+    shown, found = vectors_from(model, data.conditions, motions, jnp.asarray(solving.on), jnp.asarray(solving.steps))
+    return real_pair(shown), jnp.where(jnp.asarray(solving.steps) > 0, found, motions)
 
 
-def declared_starts(space: Space, free: Bool[np.ndarray, "param"]) -> Float[np.ndarray, "start param"]:
-    """Where to begin: the null, the values given, every start that a free effect declares, then combinations, at most `MAX_STARTS`."""
-    names = {e.effect for e in space.entries if free[e.unknown]}
-    options = []
-    for effect in space.model.effects:
-        if effect.name in names:
-            index = {e.label.split(".")[0]: e.unknown for e in space.entries if e.effect == effect.name}
-            options.append([{index[name]: value for name, value in start.items()} for start in type(effect).starts])
-    first = [chosen[0] for chosen in options]
-    singly = [[*first[:k], other, *first[k + 1 :]] for k, chosen in enumerate(options) for other in chosen[1:]]
-    starts = [np.where(free, space.given_unknowns(), 0.0)]
-    for combination in itertools.chain([first], singly, itertools.product(*options)):
-        start = np.zeros(len(space.entries))
-        for unknown, value in ((u, v) for chosen in combination for u, v in chosen.items()):
-            start[unknown] = value
-        if not any(np.array_equal(start, other) for other in starts):
-            starts.append(start)
-        if len(starts) == MAX_STARTS:
-            break
-    return np.stack(starts)
-
-
-def make_folds(measurement: Measurement, information: Float[np.ndarray, "case param param"]) -> tuple[Bool[np.ndarray, "fold case"], str]:
-    """Cases to leave out together: whole runs if there are enough of them, else groups of speeds.
-
-    A split is honest only if every training fold determines all that the whole data determine: leaving out the one run
-    with a weight in a plane would condemn what only that run shows. **Arguments:** ``information``: of every case on
-    the free unknowns. **Returns** one mask per fold, none with the reason where no honest split exists.
-    """
-    cluster, speeds = measurement.speed_cluster()
-    whole = _rank(np.sum(information, axis=0))
-    for label, count, least in ((measurement.run, len(measurement.runs), LEAST_RUN_FOLDS), (cluster, len(speeds), 3)):
-        if count >= least:
-            fold = label % min(MAX_FOLDS, count)
-            folds = np.stack([fold == k for k in range(min(MAX_FOLDS, count))])
-            if all(_rank(np.sum(information[~left_out], axis=0)) == whole for left_out in folds):
-                return folds, ""
-    runs = "1 run" if len(measurement.runs) == 1 else f"{len(measurement.runs)} runs"
-    at = "1 speed" if len(speeds) == 1 else f"{len(speeds)} speeds"
-    reason = f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take four runs or three speeds that each show all"
-    return np.zeros((0, len(measurement.run)), bool), reason
-
-
-def _rank(information: Float[np.ndarray, "param param"]) -> int:
-    """Number of directions that the data determine better than a hundredth of the prior."""
-    return int(np.count_nonzero(np.linalg.eigvalsh(information) > 1e-2)) if len(information) else 0
-
-
-def residual(space: Space, data: Data, unknowns: Array) -> Float[Array, "case probe order 2"]:
+def residual(data: Data, shown: Float[Array, "case probe order 2"]) -> Float[Array, "case probe order 2"]:
     """(z_model - z) / σ; a half order is compared up to the sign that a once-per-turn reference leaves open."""
-    model = real_pair(vectors(space.at(unknowns), data.conditions))
-    return jnp.asarray(data.weight) * (model - half_order_sign(model, data.pairs, data.weight, data.half_order) * data.pairs)
-
-
-def half_order_sign(model: AnyArray, measured: AnyArray, weight: AnyArray, half_order: AnyArray) -> Float[Array, "case 1 order 1"]:
-    """The sign, one per case, that brings a measured half order nearer to the model; one for whole orders."""
-    along = jnp.sum(weight**2 * model * measured, axis=(1, 3), keepdims=True)
-    return jnp.where(half_order[None, None, :, None] & (along < 0.0), -1.0, 1.0)
+    # What was not measured need not exist.
+    there = jnp.where(data.weight > 0.0, shown, 0.0)
+    return jnp.asarray(data.weight) * (there - half_order_sign(there, data.pairs, data.weight, data.half_order) * data.pairs)
 
 
 class Local(NamedTuple):
@@ -163,6 +92,10 @@ class End(NamedTuple):
     """Hessian of the cost by those."""
     local: Local
     """On all cases, whichever were trained on."""
+    shown: Complex[np.ndarray, "case probe order"]
+    """What the model shows there [m]."""
+    motions: Float[np.ndarray, "near speed dof coefficient"]
+    """The motions found, where orders depend on one another; else of no case."""
     steps: int
     result: int
 
@@ -172,6 +105,25 @@ class End(NamedTuple):
         full = np.eye(len(self.point))
         full[np.ix_(self.free, self.free)] = self.curvature
         return full
+
+
+class Start(NamedTuple):
+    """Where a descent begins; the motions there where orders depend on one another and they are known."""
+
+    point: Float[np.ndarray, "param"]
+    motions: Float[np.ndarray, "near speed dof coefficient"] | None = None
+    beat: float = math.inf
+    """Cost without the forces that depend on motion: what to first order does not fall below it is not worth a descent."""
+
+    @classmethod
+    def at(cls, end: End) -> "Start":
+        """Where another descent ended."""
+        return cls(end.point, end.motions if len(end.motions) else None)
+
+
+def starts_at(points: Float[np.ndarray, "start param"]) -> list[Start]:
+    """Starts of which nothing else is known."""
+    return [Start(point) for point in points]
 
 
 class _Task(NamedTuple):
@@ -186,9 +138,11 @@ class _Task(NamedTuple):
     """Added to the residual: another draw of the noise."""
     absorbed: Float[AnyArray, "*start case cell latent"]
     """G with C⁻¹ = I - G Gᵀ per run, C the covariance that the run's random unbalance and bow cause."""
+    motions: Float[AnyArray, "*start near speed dof coefficient"]
+    """Of every case, to begin with; of none where every order has its closed form."""
 
 
-def _quadratic(space: Space, data: Data, task: _Task) -> Callable[[Array], Quadratic]:
+def _quadratic(space: Space, data: Data, task: _Task, solving: Solving) -> Callable[[Array, Array], Quadratic]:
     """Cost of the free unknowns, with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
     kept, chosen, training = task.kept, task.chosen, task.training
     member = (data.run[:, None] == jnp.arange(data.run_count)[None]).astype(float)
@@ -196,9 +150,14 @@ def _quadratic(space: Space, data: Data, task: _Task) -> Callable[[Array], Quadr
     def per_case(array: Array) -> Array:
         return array.reshape(array.shape[0], math.prod(array.shape[1:4]), *array.shape[4:])
 
-    def evaluate(unknowns: Array) -> Quadratic:
-        slopes, error = jax.jacfwd(lambda u: (residual(space, data, kept + chosen @ u),) * 2, has_aux=True)(unknowns)
-        local = per_case(error) + task.shift, per_case(slopes)
+    def parts(unknowns: Array, motions: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        shown, found = _shown(space, data, jnp.asarray(kept + chosen @ unknowns), motions, solving)
+        error = residual(data, shown)
+        return error, (error, shown, found)
+
+    def evaluate(unknowns: Array, motions: Array) -> Quadratic:
+        slopes, (error, shown, found) = jax.jacfwd(parts, has_aux=True)(unknowns, motions)
+        local = per_case(error) + task.shift, per_case(slopes), shown
         error, slopes = local[0] * training[:, None], local[1] * training[:, None, None]
         cost = 0.5 * jnp.sum(error**2)
         gradient = jnp.einsum("cm,cmp->p", error, slopes)
@@ -210,15 +169,17 @@ def _quadratic(space: Space, data: Data, task: _Task) -> Callable[[Array], Quadr
             cost -= 0.5 * jnp.sum(score**2)
             gradient -= jnp.einsum("rlp,rl->p", cross, score)
             hessian -= jnp.einsum("rlp,rlq->pq", cross, cross)
-        return Quadratic(cost + 0.5 * unknowns @ unknowns, gradient + unknowns, hessian + jnp.eye(len(unknowns)), local)
+        return Quadratic(cost + 0.5 * unknowns @ unknowns, gradient + unknowns, hessian + jnp.eye(len(unknowns)), local, found)
 
     return evaluate
 
 
 @eqx.filter_jit
-def _descents(space: Space, data: Data, starts: AnyArray, damping: AnyArray, tasks: _Task, tolerance: Tolerance) -> Descent:
+def _descents(space: Space, data: Data, starts: AnyArray, damping: AnyArray, tasks: _Task, solving: Solving, tolerance: Tolerance) -> Descent:
     def one(start: AnyArray, first: AnyArray, task: _Task) -> Descent:
-        return levenberg_marquardt(_quadratic(space, data, task), jnp.asarray(start), damping=jnp.asarray(first), max_steps=LEG, tolerance=tolerance)
+        most = TIMED_LEG if task.motions.shape[0] else LEG
+        steps = {"memory": jnp.asarray(task.motions), "damping": jnp.asarray(first), "max_steps": most, "tolerance": tolerance}
+        return levenberg_marquardt(_quadratic(space, data, task, solving), jnp.asarray(start), **steps)
 
     return jax.vmap(one)(starts, damping, tasks)
 
@@ -226,7 +187,7 @@ def _descents(space: Space, data: Data, starts: AnyArray, damping: AnyArray, tas
 def descend(
     space: Space,
     data: Data,
-    starts: Float[np.ndarray, "start param"],
+    starts: Sequence[Start],
     free: Bool[np.ndarray, "*start param"],
     training: Bool[np.ndarray, "start case"],
     *,
@@ -238,38 +199,146 @@ def descend(
 
     Cases, runs and free unknowns are filled up to a few sizes and names are left out, so that it compiles once for all
     measurements of one size; ``manner``: how exactly, and how many together. Unknowns that are not free stay at ``kept``, by default
-    where the model has them. ``shift`` is added to the residual of each. **Returns** one `End` per start.
+    where the model has them. ``shift`` is added to the residual of each. Descents that free a force depending on motion, or keep
+    one, go by harmonic balance, the others by the closed form. **Returns** one `End` per start.
     """
-    free = np.broadcast_to(free, starts.shape)
+    points = np.stack([start.point for start in starts])
+    free = np.broadcast_to(free, points.shape)
     fixed = np.where(free, 0.0, space.given_unknowns() if kept is None else kept)
+    timed = space.timed() & (free | (fixed != 0.0))
+    ends: list[End | None] = [None] * len(starts)
+    kinds = np.unique(np.asarray(training, bool), axis=0, return_inverse=True)[1].ravel()
+    bar = np.full(len(starts), np.inf)
+    for present in np.unique(timed, axis=0):
+        chosen = np.flatnonzero((timed == present).all(axis=1))
+        moved = None if shift is None else shift[chosen]
+        tasks = _tasks(space, data, fixed[chosen], free[chosen], np.asarray(training, bool)[chosen], moved, manner)
+        group = _Group(_nameless(space), filled(data), len(data.run), manner, shift is None, space.effects_of(present), space.motion_shape())
+        for k, end in zip(chosen.tolist(), group.descend([starts[k] for k in chosen.tolist()], tasks, bar[chosen]), strict=True):
+            ends[k] = end
+            bar[kinds == kinds[k]] = np.minimum(bar[kinds == kinds[k]], end.cost)
+    return [end for end in ends if end is not None]
+
+
+def _tasks(space: Space, data: Data, fixed: np.ndarray, free: np.ndarray, training: np.ndarray, shift: np.ndarray | None, manner: Manner) -> _Task:
+    """Everything filled up to the sizes that are compiled; no motions yet."""
     columns = [np.flatnonzero(mask) for mask in free]
     width = size_class(max((manner.width, *(len(c) for c in columns))), LEAST_UNKNOWNS)
-    chosen = np.zeros((*starts.shape, width))
+    chosen = np.zeros((*fixed.shape, width))
     for k, column in enumerate(columns):
         chosen[k, column, np.arange(len(column))] = 1.0
-    cases = len(data.run)
-    nameless, filled = _nameless(space), _filled(data)
-    counted, moved = np.zeros((len(starts), len(filled.run))), np.zeros((len(starts), len(filled.run), math.prod(data.weight.shape[1:])))
+    cases, whole = len(data.run), filled(data)
+    counted, moved = np.zeros((len(fixed), len(whole.run))), np.zeros((len(fixed), len(whole.run), math.prod(data.weight.shape[1:])))
     counted[:, :cases] = training
     if shift is not None:
         moved[:, :cases] = shift
-    tasks = _Task(fixed, chosen, counted, moved, _absorbed(filled, counted))
-    point, damping, steps = np.einsum("spf,sp->sf", chosen, starts), np.full(len(starts), FIRST_DAMPING), np.zeros(len(starts), int)
-    trained = np.unique(np.asarray(training, bool), axis=0, return_inverse=True)[1].ravel()
-    rivals = np.unique(np.column_stack([free, trained]), axis=0, return_inverse=True)[1].ravel() if shift is None else np.arange(len(starts))
-    ends: list[End | None] = [None] * len(starts)
-    waiting = np.arange(len(starts))
-    limits, batch = Tolerance(*(np.asarray(limit) for limit in manner.tolerance)), manner.batch
-    for leg in range(LEGS):
+    return _Task(fixed, chosen, counted, moved, _absorbed(whole, counted), np.zeros((len(fixed), 0)))
+
+
+def _taken(tasks: _Task, index: np.ndarray) -> _Task:
+    return _Task(*(np.asarray(part)[index] for part in tasks))
+
+
+@dataclasses.dataclass
+class _Group:
+    """Descents that run in one compiled program."""
+
+    space: Space
+    data: Data
+    cases: int
+    manner: Manner
+    rivalry: bool
+    """Whether descents of the same unknowns and cases compete."""
+    present: set[str]
+    """Effects by which orders depend on one another."""
+    motion: tuple[int, int, int]
+    """Shape of the motion of a case."""
+
+    @property
+    def on(self) -> Bool[np.ndarray, "effect"]:
+        """Which restoring effects are among those."""
+        return np.array([e.name in self.present for e in restoring(self.space.model)], bool)
+
+    def descend(self, starts: list[Start], tasks: _Task, bar: Float[np.ndarray, "start"]) -> list[End]:
+        """One end per start; ``bar``: the least cost known of other descents on the same cases."""
+        point = np.einsum("spf,sp->sf", tasks.chosen, np.stack([start.point for start in starts]))
+        if not self.present:
+            return self._legs(point, tasks, bar)
+        motions = np.full((len(starts), len(self.data.run), *self.motion), np.nan)
+        for k, start in enumerate(starts):
+            if start.motions is not None:
+                motions[k, : self.cases] = start.motions
+        tasks = tasks._replace(motions=motions)
+        fresh = np.flatnonzero([start.motions is None for start in starts])
+        first = self._near_measured([starts[k] for k in fresh.tolist()], _taken(tasks, fresh), point[fresh]) if len(fresh) else []
+        ends: dict[int, list[End]] = {k: [] for k in range(len(starts))}
+        own, begins, motions = [], [], []
+        for k in range(len(starts)):
+            if starts[k].motions is not None:
+                own, begins, motions = [*own, k], [*begins, point[k]], [*motions, tasks.motions[k]]
+        limit = min([float(bar.min()), *(end.cost for end in first)], default=math.inf) + HOPELESS
+        for k, end in zip(fresh.tolist(), first, strict=True):
+            if end.cost > min(limit, starts[k].beat - LEAST_GAIN):
+                # What hardly helps, or cannot explain the data, where its force is laid along the measured motion.
+                ends[k].append(end)
+            else:
+                # From what the measured motion made of it, and as it is.
+                near = np.concatenate([end.motions, np.repeat(end.motions[-1:], len(self.data.run) - self.cases, axis=0)])
+                own, begins, motions = [*own, k, k], [*begins, np.asarray(tasks.chosen)[k].T @ end.point, point[k]], [*motions, near, tasks.motions[k]]
+        if own:
+            index = np.array(own)
+            for k, end in zip(own, self._legs(np.stack(begins), _taken(tasks, index)._replace(motions=np.stack(motions)), bar[index]), strict=True):
+                ends[k].append(end)
+        return [best_of(ends[k]) for k in range(len(starts))]
+
+    def _near_measured(self, starts: list[Start], tasks: _Task, point: np.ndarray) -> list[End]:
+        """Where forces along the measured motion fit best, each response taken to first order from there."""
+        near = np.concatenate([np.asarray(_measured_motions(self.space, self.data, start.point[None])) for start in starts])
+        own, ends = tasks._replace(motions=near), {}
+        columns = [np.flatnonzero(task.sum(axis=1)) for task in np.asarray(tasks.chosen)]
+        for index, ended in self._batches(np.arange(len(starts)), point, np.full(len(starts), FIRST_DAMPING), own, Solving(self.on, 0)):
+            for k, task in enumerate(index.tolist()):
+                ends[task] = _end(ended, k, np.asarray(tasks.kept[task]), columns[task], self.cases, int(ended.steps[k]), self.motion)
+        return [ends[k] for k in range(len(starts))]
+
+    def _batches(self, waiting: np.ndarray, point: np.ndarray, damping: np.ndarray, tasks: _Task, solving: Solving) -> Iterator[tuple[np.ndarray, Descent]]:
+        """One leg of those that wait, batch by batch."""
+        limits = Tolerance(*(np.asarray(limit) for limit in self.manner.tolerance))
+        batch = TIMED_BATCH if self.present else self.manner.batch
         for first in range(0, len(waiting), batch):
             # The last batch is filled up with copies of its last member: they end together with it.
             index = waiting[np.minimum(np.arange(first, first + batch), len(waiting) - 1)]
-            found = jax.tree.map(np.asarray, _descents(nameless, filled, point[index], damping[index], _Task(*(part[index] for part in tasks)), limits))
-            for k, task in enumerate(index[: len(waiting) - first]):
-                point[task], damping[task], steps[task] = found.point[k], found.damping[k], steps[task] + found.steps[k]
-                ends[task] = _end(found, k, fixed[task], columns[task], cases, int(steps[task]))
-        waiting = _going_on([end for end in ends if end is not None], rivals, trained, leg)
-    return [end for end in ends if end is not None]
+            chosen = _taken(tasks, index)
+            steps = solving._replace(steps=np.asarray(solving.steps))
+            found = _descents(self.space, self.data, point[index], damping[index], chosen, steps, limits)
+            yield index[: len(waiting) - first], jax.tree.map(np.asarray, found)
+
+    def _legs(self, point: np.ndarray, tasks: _Task, bar: np.ndarray) -> list[End]:
+        """Leg after leg; between legs those that are not worth it drop out."""
+        count = len(point)
+        damping, steps = np.full(count, FIRST_DAMPING), np.zeros(count, int)
+        columns = [np.flatnonzero(task.sum(axis=1)) for task in np.asarray(tasks.chosen)]
+        trained = np.unique(tasks.training, axis=0, return_inverse=True)[1].ravel()
+        free = np.asarray(tasks.chosen).sum(axis=2) > 0.0
+        rivals = np.unique(np.column_stack([free, trained]), axis=0, return_inverse=True)[1].ravel() if self.rivalry else np.arange(count)
+        ends: list[End | None] = [None] * count
+        waiting = np.arange(count)
+        per_round = LEG // TIMED_LEG if self.present else 1
+        for leg in range(LEGS * per_round):
+            for index, found in self._batches(waiting, point, damping, tasks, Solving(self.on, NEWTON_STEPS)):
+                for k, task in enumerate(index):
+                    point[task], damping[task], steps[task] = found.point[k], found.damping[k], steps[task] + found.steps[k]
+                    if self.present:
+                        np.asarray(tasks.motions)[task] = found.quadratic.memory[k]
+                    ends[task] = _end(found, k, np.asarray(tasks.kept[task]), columns[task], self.cases, int(steps[task]), self.motion)
+            waiting = _going_on([end for end in ends if end is not None], rivals, trained, leg // per_round, bar, strict=bool(self.present))
+        return [end for end in ends if end is not None]
+
+
+@eqx.filter_jit
+def _measured_motions(space: Space, data: Data, starts: AnyArray) -> Float[Array, "start case speed dof coefficient"]:
+    measured = jax.lax.complex(jnp.asarray(data.pairs[..., 0]), jnp.asarray(data.pairs[..., 1]))
+    return jax.vmap(lambda start: motions_of(space.at(start), data.conditions, measured, jnp.asarray(data.weight[..., 0]) > 0.0))(jnp.asarray(starts))
 
 
 def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np.ndarray, "start case cell latent"]:
@@ -289,13 +358,13 @@ def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np
     return absorbed
 
 
-def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], trained: Int[np.ndarray, "start"], leg: int) -> np.ndarray:
+def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], trained: Int[np.ndarray, "start"], leg: int, bar: np.ndarray, *, strict: bool) -> np.ndarray:
     """Descents worth another leg: not at their end, not hopeless, and among the best of those for the same unknowns."""
     cost = np.array([end.cost for end in ends])
     waiting = np.array([end.result == MAX_STEPS for end in ends])
-    for task in np.unique(trained) if leg > 0 else ():
+    for task in np.unique(trained) if leg > 0 or strict else ():
         own = trained == task
-        waiting[own] &= cost[own] < cost[own].min() + HOPELESS
+        waiting[own] &= cost[own] < np.minimum(cost[own].min(), bar[own]) + HOPELESS
     for rival in np.unique(rivals[waiting]):
         own = np.flatnonzero(rivals == rival)
         ranked = own[np.argsort(cost[own], kind="stable")]
@@ -303,40 +372,36 @@ def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], trained: Int[np
     return np.flatnonzero(waiting)
 
 
-def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: int, steps: int) -> End:
+def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: int, steps: int, shape: tuple[int, ...]) -> End:
     """One member of a batch, without what it was filled up with."""
     size, quadratic = len(column), found.quadratic
     point = fixed.copy()
     point[column] = found.point[k, :size]
-    error, slopes = quadratic.extra
+    error, slopes, shown = quadratic.extra
     cost = float(quadratic.cost[k]) if np.isfinite(quadratic.cost[k]) else math.inf
     local = Local(np.asarray(error[k, :cases]), np.asarray(slopes[k, :cases, :, :size]))
-    return End(point, cost, column, np.asarray(quadratic.hessian[k, :size, :size]), local, steps, int(found.result[k]))
+    vectors = shown[k, :cases, ..., 0] + 1j * shown[k, :cases, ..., 1]
+    motions = quadratic.memory[k][:cases] if quadratic.memory[k].ndim > 1 else np.zeros((0, *shape))
+    return End(point, cost, column, np.asarray(quadratic.hessian[k, :size, :size]), local, vectors, motions, steps, int(found.result[k]))
 
 
 @eqx.filter_jit
-def _predictions(space: Space, conditions: Conditions, points: AnyArray) -> Complex[Array, "start case probe order"]:
-    return jax.vmap(lambda point: vectors(space.at(point), conditions))(points)
+def _predictions(space: Space, conditions: Conditions, points: AnyArray, *, timed: bool) -> Complex[Array, "start case probe order"]:
+    def at(point: Array) -> Array:
+        model = space.at(point)
+        return vectors(model if timed else without_timed(model), conditions)
+
+    return jax.vmap(at)(jnp.asarray(points))
 
 
 def predict(space: Space, conditions: Conditions, points: Float[np.ndarray, "start param"]) -> Complex[np.ndarray, "start case probe order"]:
     """What the model shows at each of some points [m]; compiled once for all conditions and points of one size."""
     cases, count = len(np.asarray(conditions.speed)), len(points)
     more = size_class(cases, LEAST_CASES) - cases
-    filled = jax.tree.map(lambda values: np.concatenate([np.asarray(values), np.repeat(np.asarray(values)[-1:], more, axis=0)]), conditions)
+    repeated = jax.tree.map(lambda values: np.concatenate([np.asarray(values), np.repeat(np.asarray(values)[-1:], more, axis=0)]), conditions)
     padded = np.concatenate([points, np.repeat(points[-1:], size_class(count, LEAST_POINTS) - count, axis=0)])
-    return np.asarray(_predictions(_nameless(space), filled, padded))[:count, :cases]
-
-
-def size_class(count: int, least: int) -> int:
-    """The next of ``least`` times 1, 2, 3, 4, 6, 8, 12, 16, ..."""
-    size = least
-    while size < count:
-        half = size + size // 2
-        if size > least and count <= half:
-            return half
-        size *= 2
-    return size
+    timed = bool(np.any(space.timed() & (points != 0.0)))
+    return np.asarray(_predictions(_nameless(space), repeated, padded, timed=timed))[:count, :cases]
 
 
 def _nameless(space: Space) -> Space:
@@ -344,32 +409,6 @@ def _nameless(space: Space) -> Space:
     layout = space.model.layout
     blank = Layout(tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders)
     return dataclasses.replace(space, model=dataclasses.replace(space.model, layout=blank), entries=())
-
-
-def _filled(data: Data) -> Data:
-    """Cases filled up with copies of the last that weigh nothing, to one of a few sizes."""
-    cases = len(data.run)
-    more = size_class(cases, LEAST_CASES) - cases
-
-    def repeat(values: AnyArray) -> np.ndarray:
-        array = np.asarray(values)
-        return np.concatenate([array, np.repeat(array[-1:], more, axis=0)])
-
-    def nothing(values: AnyArray) -> np.ndarray:
-        array = np.asarray(values)
-        return np.concatenate([array, np.zeros((more, *array.shape[1:]))])
-
-    return Data(
-        jax.tree.map(repeat, data.conditions), repeat(data.pairs), nothing(data.weight), data.half_order, repeat(data.run), nothing(data.scatter),
-        size_class(data.run_count, LEAST_RUNS),
-    )  # fmt: skip
-
-
-def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Complex[np.ndarray, "case probe order"]:
-    """Model minus measured [m] from the residual in standard errors, zero where nothing was measured."""
-    weight = np.asarray(data.weight)
-    pairs = np.divide(error.reshape(weight.shape), weight, out=np.zeros(weight.shape), where=weight > 0.0)
-    return pairs[..., 0] + 1j * pairs[..., 1]
 
 
 def best_of(ends: list[End]) -> End:

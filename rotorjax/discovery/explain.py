@@ -11,12 +11,14 @@ from scipy.special import chdtrc
 from rotorjax._core import MICROMETRE, Tolerance, numpy_pair, require_float64
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
-from rotorjax.discovery.descent import QUICK, best_of, descend, half_order_sign, predict
+from rotorjax.discovery.data import half_order_sign
+from rotorjax.discovery.descent import QUICK, Start, best_of, descend, predict
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
+from rotorjax.discovery.named_force import NamedForce, name_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
-from rotorjax.discovery.race import Contest, Effects, make_contest, misfit_left, race
+from rotorjax.discovery.race import Contest, Effects, check_catalog, make_contest, misfit_left, race
 from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
@@ -62,6 +64,8 @@ class Explanation:
     """What the answer leaves beside the table's noise."""
     contest: Contest
     max_effects: int
+    named_force: NamedForce | None
+    """The force that is missing, where the verdict is "unexplained" and that was to be looked into."""
 
     @property
     def model(self) -> Model:
@@ -96,7 +100,7 @@ class Explanation:
         if measurement.sigma is None:
             return None
         weight = measurement.weights(0.0)
-        left = numpy_pair(predict(self.contest.space, measurement.conditions, end.point[None])[0])
+        left = numpy_pair(end.shown)
         sign = half_order_sign(left, numpy_pair(measurement.vectors), weight, np.array([is_half_order(n) for n in measurement.orders]))
         freedom = int(np.count_nonzero(weight)) - len(end.free)
         errors = weight * (left - np.asarray(sign) * numpy_pair(measurement.vectors))
@@ -121,12 +125,13 @@ def explain(
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
     those in ``exclude``; ``catalog``: effects by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with
-    held-out error and p-value; ``progress``: called with a line of text at every stage.
+    held-out error, p-value and, where nothing explains, the missing force; ``progress``: called with a line of text at every stage.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
+    check_catalog(catalog)
     chosen = tuple(catalog) if only is None else tuple(only)
     if unknown := [name for name in (*chosen, *exclude) if name not in catalog]:
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join(catalog)}")
@@ -157,10 +162,15 @@ def _answer(
     for other in ties.tied:
         proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
+    verdict = _verdict(selection, ties, p, fits[-1], contest)
+    named = None
+    if verdict == "unexplained" and thorough and contest.measurement.rms > 0.0:
+        progress("the force that is missing")
+        named = name_force(fits[0].model, fits[-1].model, selection.effects, contest.measurement, catalog)
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
     return Explanation(
-        verdict=_verdict(selection, ties, p, fits[-1], contest),
+        verdict=verdict,
         effects=selection.effects,
         story=story,
         rankings=tuple(tuple(ranking(contest, step, min(step.contenders, key=len))) for step in selection.races),
@@ -171,6 +181,7 @@ def _answer(
         noise=noise,
         contest=contest,
         max_effects=selection.most,
+        named_force=named,
     )
 
 
@@ -197,10 +208,10 @@ def _nominal(last: Fit) -> float:
 
 def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
     """What was detected and not added, each with the size of its part in the prediction."""
-    found, point = [], selection.known[selection.present].best.point
+    found, best = [], selection.known[selection.present].best
     for name in selection.small:
-        without = np.where(contest.only_of([name]), 0.0, point)
-        here, there = predict(contest.space, contest.measurement.conditions, np.stack([point, without]))
+        without = np.where(contest.only_of([name]), 0.0, best.point)
+        here, there = best.shown, predict(contest.space, contest.measurement.conditions, without[None])[0]
         change = float(np.sqrt(np.mean(np.abs((here - there)[contest.measurement.present]) ** 2)))
         share = 100.0 * change / contest.measurement.rms
         found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {share:.2g} % of what was measured"))
@@ -218,9 +229,9 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
         noise = Noise(misfit_left(contest, selection.known[effects], selection.races[step].noise), contest.floor.scatter)
         contender = race(contest, noise, [effects], selection.known)[effects]
         data = contest.data(noise, contender.best.point)
-        starts = np.stack([end.point for end in contender.ends[:2]])
-        every = np.ones((len(starts), len(contest.measurement.run)), bool)
-        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point, manner=contest.manner(POLISHED)))
+        starts = [Start.at(end) for end in contender.ends[:2]]
+        every, manner = np.ones((len(starts), len(contest.measurement.run)), bool), contest.manner(POLISHED)
+        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point, manner=manner))
         stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
         fits.append(summarise(stage, Round(noise.allowance, data, best, starts, noise.allowance), rms, held.reason, scatter=scatter))

@@ -9,7 +9,8 @@ from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
 from rotorjax._core import CONVERGED, RESULT_TEXT, require_float64
-from rotorjax.discovery.descent import Data, End, Local, best_of, declared_starts, descend, make_data, make_folds, predict, residual_vectors
+from rotorjax.discovery.data import Data, declared_starts, make_data, make_folds, residual_vectors
+from rotorjax.discovery.descent import End, Local, Start, best_of, descend, starts_at
 from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
@@ -148,19 +149,19 @@ def _fit(stage: Stage, *, held_out: bool) -> Fit:
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
     """
     measurement = stage.measurement
-    starts = declared_starts(stage.space, stage.free)
+    starts = starts_at(declared_starts(stage.space, stage.free, measurement.reach))
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     now = _settle(stage, floor, starts)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
     if not (now.settled and now.misfit == 0.0):
         wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
-        again = _settle(stage, floor, wide.best.point[None])
+        again = _settle(stage, floor, [Start.at(wide.best)])
         now = min((now, wide, again), key=lambda r: (r.misfit > 0.0, r.minus_log_posterior))
     folds, reason = np.zeros((0, len(measurement.run)), bool), "not asked for"
     if held_out:
         slopes = now.best.local.slopes
         folds, reason = make_folds(measurement, np.einsum("cmp,cmq->cpq", slopes, slopes))
-    ends = descend(stage.space, now.data, np.tile(now.best.point, (len(folds), 1)), stage.free, ~folds) if len(folds) else []
+    ends = descend(stage.space, now.data, [Start.at(now.best)] * len(folds), stage.free, ~folds) if len(folds) else []
     return summarise(stage, now, _held_out(now.data, ends, folds), reason)
 
 
@@ -170,7 +171,8 @@ class Round(NamedTuple):
     allowance: float
     data: Data
     best: End
-    points: Float[np.ndarray, "start param"]
+    starts: list[Start]
+    """Where the descents ended: to go on from."""
     misfit: float
 
     @property
@@ -185,24 +187,24 @@ class Round(NamedTuple):
         return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
 
 
-def _settle(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"]) -> Round:
+def _settle(stage: Stage, allowance: float, starts: list[Start]) -> Round:
     """Rounds until the allowance equals the misfit found."""
     now = _round(stage, allowance, starts, stage.space.model)
     for _ in range(MISFIT_ROUNDS - 1):
         if now.settled:
             break
-        now = _round(stage, now.misfit, now.points, stage.space.model_at(now.best.point))
+        now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))
     return now
 
 
-def _round(stage: Stage, allowance: float, starts: Float[np.ndarray, "start param"], model: Model) -> Round:
+def _round(stage: Stage, allowance: float, starts: list[Start], model: Model) -> Round:
     data = make_data(stage.measurement, model, Noise(allowance))
     every = np.ones((len(starts), len(stage.measurement.run)), bool)
     ends = descend(stage.space, data, starts, stage.free, every)
     best = best_of(ends)
-    points = np.stack([end.point if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)])
+    ended = [Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)]
     left = residual_vectors(best.local.error, data)
-    return Round(allowance, data, best, points, misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE))
+    return Round(allowance, data, best, ended, misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE))
 
 
 def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, scatter: RunScatter | None = None) -> Fit:
@@ -220,7 +222,7 @@ def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, 
     return Fit(
         model=_kept(fitted, stage),
         estimates=_estimates(space, best, covariance, free),
-        predicted=predict(space, measurement.conditions, best.point[None])[0],
+        predicted=best.shown,
         result=RESULT_TEXT[best.result],
         converged=best.result == CONVERGED and now.settled,
         steps=best.steps,

@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from rotorjax.discovery.descent import End, best_of, descend, make_folds, residual_vectors
+from rotorjax.discovery.data import make_folds, residual_vectors
+from rotorjax.discovery.descent import End, Start, best_of, descend
 from rotorjax.discovery.race import Contest, Effects, contender_of
-from rotorjax.discovery.search import NOTHING, PAIRED, PRICE, Selection, neighbours
-
-WORTH_TRYING = 40.0
-"""Log evidence behind the best on all data up to which an effect may win on a part of them."""
+from rotorjax.discovery.search import NOTHING, PAIRED, PRICE, WORTH_TRYING, Selection, neighbours
 
 
 class HeldOut(NamedTuple):
@@ -78,22 +76,24 @@ class _Folds:
     def fit(self, wanted: Mapping[int, Iterable[Effects]]) -> None:
         """Fit sets of effects to the rest of each fold, all in the same compiled calls."""
         keys = [(fold, effects) for fold, sets in wanted.items() for effects in sets if effects not in self.ends[fold]]
-        tasks = [(fold, effects, point) for fold, effects in keys for point in self._starts(effects)]
+        tasks = [(fold, effects, start) for fold, effects in keys for start in self._starts(effects)]
         if not tasks:
             return
         masks = np.stack([self.contest.free(effects) for _, effects, _ in tasks])
         training = np.stack([~self.folds[fold] for fold, _, _ in tasks])
-        found = descend(self.contest.space, self.data, np.stack([point for *_, point in tasks]), masks, training, manner=self.contest.manner())
+        starts = [start for *_, start in tasks]
+        found = descend(self.contest.space, self.data, starts, masks, training, manner=self.contest.manner())
         for (fold, effects, _), end in zip(tasks, found, strict=True):
             self.ends[fold][effects] = best_of([end, *([self.ends[fold][effects]] if effects in self.ends[fold] else [])])
 
-    def _starts(self, effects: Effects) -> list[np.ndarray]:
+    def _starts(self, effects: Effects) -> list[Start]:
         """Optima on all data to begin with: of the same set, or of the nearest one."""
         known = self.selection.known
         if effects in known:
-            return [end.point for end in known[effects].ends[:2]]
+            return [Start.at(end) for end in known[effects].ends[:2]]
         nearest = min(known, key=lambda other: (len(other ^ effects), -known[other].log_evidence))
-        return [np.where(self.contest.free(effects), known[nearest].best.point, self.contest.space.given_unknowns())]
+        point = np.where(self.contest.free(effects), known[nearest].best.point, self.contest.space.given_unknowns())
+        return [Start.at(known[nearest].best)._replace(point=point)]
 
     def error(self, bases: list[Effects]) -> float:
         """Root mean square |residual| of each fold's own set on what was left out [m]."""
@@ -128,7 +128,7 @@ class _Folds:
             if now != own and (len(now) > 1 or self.race.noise.allowance > self.contest.floor.allowance):
                 scores = self.scores(fold)
                 best = sorted((name for name in names if name not in own), key=lambda name: -scores[own | {name}])[:PAIRED]
-                pools[fold] = [e for e in neighbours(names, own, now, best) if len(e) <= self.selection.most]
+                pools[fold] = [e for e in self.contest.lean(neighbours(names, own, now, best), now, ()) if len(e) <= self.selection.most]
         self.fit(pools)
         return [_pruned(self.scores(fold)) if fold in pools else now for fold, now in enumerate(added)]
 

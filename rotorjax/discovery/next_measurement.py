@@ -13,6 +13,7 @@ from rotorjax.discovery.race import Contest
 from rotorjax.inverse import NEAR_PEAK, resonances_rpm
 from rotorjax.measurement import is_half_order
 from rotorjax.model import Conditions
+from rotorjax.steady import without_timed
 
 SPEEDS = 41
 """Speeds tried within the limits."""
@@ -41,7 +42,7 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     either nothing is proposed: there the model's own error rules. None if no reading within the limits would tell.
     """
     runs = _runs(contest)
-    peaks = np.concatenate([resonances_rpm(contest.space.model_at(end.point).with_orders((1.0,))) for end in (first, second)])
+    peaks = np.concatenate([resonances_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,))) for end in (first, second)])
     measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.5 * measured.min(), 1.5 * measured.max())
     speeds = np.linspace(low, high, SPEEDS)
@@ -49,6 +50,8 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     bow = np.repeat(np.stack([b for _, b in runs.values()]), SPEEDS, axis=0)
     conditions = Conditions(jnp.asarray(np.tile(speeds, len(runs)) * RPM), jnp.asarray(unbalance), jnp.asarray(bow))
     shown, spread = zip(*(_prediction(contest, conditions, end) for end in (first, second)), strict=True)
+    known = np.all([np.isfinite(z).all(axis=(1, 2)) & np.isfinite(s).all(axis=(1, 2)) for z, s in zip(shown, spread, strict=True)], axis=0)
+    shown, spread = [np.where(known[:, None, None], z, 0.0) for z in shown], [np.where(known[:, None, None], s, 0.0) for s in spread]
     weight = contest.measurement.weights(noise.allowance)
     sigma = 1.0 / np.median(weight[weight > 0.0])
     # Half orders have no sign that a reading could be held against.
@@ -60,7 +63,8 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     allowed = np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1) if len(peaks) else np.ones(len(speed), bool)
     largest = max(float(np.abs(contest.measurement.vectors).max()), MICROMETRE) * 3.0
     most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
-    allowed &= np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
+    # Where a force depends on the motion there may be no steady state to compute.
+    allowed &= known & np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
     if not allowed.any():
         return None
     best = int(np.argmax(np.where(allowed, size, -1.0)))

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax.discovery.descent import QUICK, Data, End, Manner, declared_starts, descend, make_data, residual_vectors
+from rotorjax.discovery.data import Data, declared_starts, make_data, residual_vectors
+from rotorjax.discovery.descent import HOPELESS, QUICK, End, Manner, Start, descend, starts_at
 from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
@@ -71,6 +72,15 @@ class Contest:
         widest = max((int(self.free(frozenset([name])).sum()) for name in self.candidates), default=0)
         return Manner(manner.tolerance, QUICK.batch, widest)
 
+    def lean(self, sets: Iterable[Effects], chosen: Effects, near: Iterable[str]) -> list[Effects]:
+        """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at most or as many.
+
+        Each such force costs as much as a hundred linear effects.
+        """
+        timed = self.space.effects_of(self.space.timed())
+        allowed = chosen | frozenset(near)
+        return [h for h in sets if h & timed <= allowed and len(h & timed) <= max(1, len(chosen & timed))]
+
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
         """Unknowns of these effects alone."""
         mask = np.zeros(len(self.space.entries), bool)
@@ -103,6 +113,18 @@ class Contest:
         return dataclasses.replace(self.measurement, present=self.measurement.present & self.training[:, None, None])
 
 
+def check_catalog(catalog: Mapping[str, type[Effect]]) -> None:
+    """Refuse a catalogue that would lose an effect on the way.
+
+    **Errors.** ``ValueError`` for a key that is not the effect's name, or for an effect instead of its class.
+    """
+    for key, cls in catalog.items():
+        if not isinstance(cls, type):
+            raise ValueError(f"catalog[{key!r}] is an effect: hand over its class, without parentheses")
+        if cls.name != key:
+            raise ValueError(f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: {cls.__name__}}}")
+
+
 def make_contest(model: Model, measurement: Measurement, candidates: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Contest:
     """All candidates at their null beside the model's own effects; odds by family, then by member.
 
@@ -129,38 +151,50 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
         return {}
     reference = min(known.values(), key=lambda c: -c.log_evidence).best.point if known else contest.space.given_unknowns()
     data = contest.data(noise, reference)
-    starts, masks, owner = [], [], []
-    for effects in wanted:
-        mask = contest.free(effects)
-        for start in _starts(contest, effects, mask, known):
-            starts.append(start)
-            masks.append(mask)
-            owner.append(effects)
-    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, np.stack(starts), np.stack(masks), training, manner=contest.manner())
-    found: dict[Effects, list[End]] = {effects: [] for effects in wanted}
-    for effects, end in zip(owner, ends, strict=True):
-        found[effects].append(end)
+    timed = contest.space.effects_of(contest.space.timed())
+    found: dict[Effects, list[End]] = {}
+    for group in ([h for h in wanted if not h & timed], [h for h in wanted if h & timed]):
+        beat = {effects: min((end.cost for end in found.get(effects - timed, [])), default=math.inf) for effects in group}
+        found |= _fitted(contest, data, group, known, beat)
     size = contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
     return {effects: contender_of(effects, group, size) for effects, group in found.items()}
 
 
-def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[np.ndarray]:
+def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, beat: Mapping[Effects, float]) -> dict[Effects, list[End]]:
+    """Ends of all descents of each set; ``beat``: what each has to beat, as in `Start`."""
+    starts, masks, owner = [], [], []
+    for effects in wanted:
+        mask = contest.free(effects)
+        for start in _starts(contest, effects, mask, known):
+            starts.append(start._replace(beat=beat[effects]))
+            masks.append(mask)
+            owner.append(effects)
+    if not starts:
+        return {}
+    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
+    ends = descend(contest.space, data, starts, np.stack(masks), training, manner=contest.manner())
+    return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
+
+
+def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[Start]:
     """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
     if effects in known:
-        return [end.point for end in known[effects].ends]
+        return [Start.at(end) for end in known[effects].ends]
     near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
     parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[:MOST_PARENTS]]
-    points = []
+    starts: list[Start] = []
     for parent in parents:
         new = contest.only_of(effects - parent.effects)
         here = np.where(mask, parent.best.point, contest.space.given_unknowns())
-        points += [np.where(new & (start != 0.0), start, here) for start in declared_starts(contest.space, new)]
-    points = points or list(declared_starts(contest.space, mask))
-    distinct: list[np.ndarray] = []
-    for point in points:
-        if not any(np.allclose(point, other, atol=1e-3) for other in distinct):
-            distinct.append(point)
+        # A parent's motion is near unless a new force, whose size is to be found first, changes it.
+        same = Start.at(parent.best) if not np.any(new & contest.space.timed()) else Start(here)
+        declared = declared_starts(contest.space, new, contest.measurement.reach)
+        starts += [same._replace(point=np.where(new & (start != 0.0), start, here)) for start in declared]
+    starts = starts or starts_at(declared_starts(contest.space, mask, contest.measurement.reach))
+    distinct: list[Start] = []
+    for start in starts:
+        if not any(np.allclose(start.point, other.point, atol=1e-3) for other in distinct):
+            distinct.append(start)
     return distinct[:MOST_STARTS]
 
 
@@ -214,7 +248,9 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         if _same(quiet, noise):
             break
         noise = quiet
-        found.update(race(contest, noise, wanted, found))
+        best = found[leader].log_evidence
+        # What was hopeless under more noise stays so under less.
+        found.update(race(contest, noise, [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS], found))
     stuck = noise.allowance > 0.0 and _leader(contest, found, wanted) == min(wanted, key=len)
     if stuck and contest.floor == NO_NOISE and contest.measurement.sigma is not None:
         # A set that holds within the table's noise explains more than the smallest one that needs a misfit of its own size.

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.descent import Data, best_of, declared_starts, descend, make_data, residual_vectors
+from rotorjax.discovery.data import Data, declared_starts, make_data, residual_vectors
+from rotorjax.discovery.descent import best_of, descend, starts_at
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.noise import Noise
 
@@ -54,11 +55,11 @@ def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str
     free = space.free([*others, instead] if instead else others) & ~_only_of(fitted, name)
     from_here = fitted.end.point.copy()
     from_here[_only_of(fitted, name)] = 0.0
-    starts = declared_starts(space, free)
+    starts = declared_starts(space, free, fitted.stage.measurement.reach)
     starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
     null = np.where(_only_of(fitted, name), 0.0, space.given_unknowns())
     training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)
-    best = best_of(descend(space, data, np.where(free, starts, null), free, training, kept=null))
+    best = best_of(descend(space, data, starts_at(np.where(free, starts, null)), free, training, kept=null))
     left = residual_vectors(best.local.error, data)[fitted.stage.measurement.present]
     rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
     return Rival(name, instead, rms, best.cost - fitted.end.cost)

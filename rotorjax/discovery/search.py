@@ -19,6 +19,8 @@ MATTERS = 0.01
 """Share of the rms response that an effect must change to matter."""
 PAIRED = 8
 """Best effects of a race of which all pairs are tried."""
+WORTH_TRYING = 40.0
+"""Log evidence behind the best on all data up to which an effect may win beside others, or on a part of the data."""
 MOST_SMALL = 3
 """Effects that are detected without mattering, at most."""
 NOTHING: Effects = frozenset()
@@ -124,10 +126,16 @@ def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, tabl
     """The best of all one-for-one swaps and all pairs of the best eight, less what is not needed."""
     before = min(race.contenders, key=len)
     best = [r.effect for r in ranking(contest, race, before) if r.effect != "none"][:PAIRED]
-    pool = neighbours(contest.candidates, before, chosen | small, best, kept=small)
+    pool = contest.lean(neighbours(contest.candidates, before, chosen | small, best, kept=small), chosen | small, _near(race))
     found = settle(contest, [effects for effects in pool if len(effects - small) <= most], table, race.noise)
     table.update(found.contenders)
     return _pruned(contest, found.winner, small, table, found.noise)
+
+
+def _near(race: Race) -> list[str]:
+    """Effects that came near the best of a race."""
+    best = max(c.log_evidence for c in race.contenders.values())
+    return [name for effects, c in race.contenders.items() if c.log_evidence > best - WORTH_TRYING for name in effects]
 
 
 def neighbours(candidates: Iterable[str], before: Effects, chosen: Effects, best: list[str], *, kept: Effects = NOTHING) -> list[Effects]:
@@ -180,6 +188,6 @@ def matters(contest: Contest, contender: Contender, name: str) -> bool:
     """Whether the prediction without this effect differs by more than the tolerance and 1 % of the rms response."""
     m = contest.measurement
     without = np.where(contest.only_of([name]), 0.0, contender.best.point)
-    here, there = predict(contest.space, m.conditions, np.stack([contender.best.point, without]))
+    here, there = contender.best.shown, predict(contest.space, m.conditions, without[None])[0]
     change = float(np.sqrt(np.mean(np.abs((here - there)[m.present]) ** 2)))
     return change > max(m.knowledge.tolerance, MATTERS) * m.rms

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from rotorjax._core import numpy_pair
-from rotorjax.discovery.descent import End, half_order_sign, predict
+from rotorjax.discovery.data import half_order_sign
+from rotorjax.discovery.descent import HOPELESS, End
 from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
 from rotorjax.discovery.rivals import TIE
@@ -69,8 +70,11 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     found = race(contest, noise, [answer], selection.known)
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
-    found.update(race(contest, noise, itertools.chain(*swaps.values()), {**selection.known, **found}))
-    wider = _wider(contest, selection, swaps, found, catalog)
+    every = list(itertools.chain(*swaps.values()))
+    open_still = [h for h in every if h not in selection.known or selection.known[h].log_evidence > winner.log_evidence - HOPELESS]
+    found.update({h: selection.known[h] for h in every if h in selection.known})
+    found.update(race(contest, noise, open_still, {**selection.known, **found}))
+    wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [h for h in wider if h not in found], {**selection.known, **found}))
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
     leads = _leads_elsewhere(contest, noise, winner, others)
@@ -85,6 +89,13 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner)
+
+
+def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:
+    """Whether a set may do as well: one with a force depending on motion only if a part of it comes near."""
+    timed = contest.space.effects_of(contest.space.timed()) & effects
+    parts = (c.log_evidence for other, c in found.items() if other < effects and timed & other)
+    return not timed or max(parts, default=math.inf) > winner.log_evidence - HOPELESS
 
 
 def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:
@@ -113,7 +124,7 @@ def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:
     """Root mean square difference of two predictions in standard errors, over the measured cells."""
     m = contest.measurement
     weight = m.weights(noise.allowance)
-    here, there = (numpy_pair(z) for z in predict(contest.space, m.conditions, np.stack([one.point, other.point])))
+    here, there = numpy_pair(one.shown), numpy_pair(other.shown)
     sign = half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders]))
     gap = weight * (here - np.asarray(sign) * there)
     return float(np.sqrt(np.mean(gap[weight > 0.0] ** 2))) if np.any(weight) else 0.0

@@ -14,6 +14,14 @@ from rotorjax.effects.reading import ProbeGain as ProbeGain
 from rotorjax.effects.reading import Runout as Runout
 from rotorjax.effects.reading import SpeedError as SpeedError
 from rotorjax.effects.reading import TimeDelay as TimeDelay
+from rotorjax.effects.restoring import AsymmetricShaft as AsymmetricShaft
+from rotorjax.effects.restoring import Clearance as Clearance
+from rotorjax.effects.restoring import CoulombFriction as CoulombFriction
+from rotorjax.effects.restoring import Crack as Crack
+from rotorjax.effects.restoring import Duffing as Duffing
+from rotorjax.effects.restoring import ProbeSaturation as ProbeSaturation
+from rotorjax.effects.restoring import QuadraticDamping as QuadraticDamping
+from rotorjax.effects.restoring import Rub as Rub
 from rotorjax.effects.structure import CrossCoupling as CrossCoupling
 from rotorjax.effects.structure import DampingError as DampingError
 from rotorjax.effects.structure import Foundation as Foundation
@@ -40,12 +48,20 @@ _CLASSES: tuple[type[Effect], ...] = (
     InternalDamping,
     Foundation,
     Gyroscopic,
+    Duffing,
+    Clearance,
+    Rub,
+    Crack,
+    AsymmetricShaft,
+    QuadraticDamping,
+    CoulombFriction,
     ProbeGain,
     ChainGain,
     ProbeAngle,
     PhaseReferenceOffset,
     TimeDelay,
     Runout,
+    ProbeSaturation,
     SpeedError,
 )
 

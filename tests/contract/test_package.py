@@ -13,6 +13,8 @@ LAYERS = [
     {"model"},
     {"effects"},
     {"rotor"},
+    {"assembly", "harmonic"},
+    {"steady"},
     {"response"},
     {"measurement", "io", "simulate", "features"},
     {"signals", "dataset", "network"},
@@ -30,7 +32,7 @@ PUBLIC = {
     "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation", "ExcitationEffect", "Explanation", "Fault", "Fit",
     "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",
     "ReadingEffect", "Rig", "Rival", "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain", "fit",
-    "fit_steps", "parameter", "read_measurement", "read_rig", "response", "rivals", "tell",
+    "fit_steps", "Instant", "RestoringEffect", "WaveformEffect", "parameter", "read_measurement", "read_rig", "response", "rivals", "tell",
 }  # fmt: skip
 
 

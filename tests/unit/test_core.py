@@ -10,7 +10,7 @@ from rotorjax._core import CONVERGED, MAX_STEPS, NOT_FINITE, Quadratic, Toleranc
 
 
 def quadratic_of(residual):
-    def evaluate(p):
+    def evaluate(p, _):
         r, j = residual(p), jax.jacfwd(residual)(p)
         return Quadratic(0.5 * r @ r, j.T @ r, j.T @ j + 1e-12 * jnp.eye(len(p)))
 

@@ -1,7 +1,12 @@
 """The sets that a search tries around one, and what held-out folds leave out of a set."""
 
+import pytest
+
+from rotorjax import effects
 from rotorjax.discovery.held_out import _pruned
+from rotorjax.discovery.race import check_catalog
 from rotorjax.discovery.search import PRICE, neighbours
+from rotorjax.model import Parameter
 
 CANDIDATES = ("a", "b", "c", "d")
 
@@ -24,3 +29,14 @@ def test_pruning_pays_the_price_of_a_detection_for_each_part():
     scores = {frozenset(): -100.0, frozenset("a"): -10.0, frozenset("b"): -50.0, frozenset("ab"): -10.0 + 0.5 * PRICE}
     assert _pruned(scores) == frozenset("a")
     assert _pruned({**scores, frozenset("ab"): -10.0 + 2.0 * PRICE}) == frozenset("ab")
+
+
+def test_a_catalogue_that_would_lose_an_effect_is_refused():
+    with pytest.raises(ValueError, match=r"'mine'.*is the effect 'mass_error': use its name as the key"):
+        check_catalog({"mine": effects.MassError})
+
+
+def test_a_scale_that_the_rig_lacks_is_named(paper_rotor):
+    wrong = Parameter("gain", "a gain", 1.0, "stifness", ())
+    with pytest.raises(ValueError, match="of='stifness' is no quantity of the rig"):
+        wrong.prior_scale(paper_rotor)

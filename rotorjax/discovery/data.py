@@ -1,0 +1,159 @@
+"""A measurement as compiled code wants it, what to leave out of it, and where descents begin."""
+
+import itertools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Complex, Float, Int
+
+from rotorjax._core import AnyArray, numpy_pair
+from rotorjax.discovery.noise import Noise, scatter_factor
+from rotorjax.inverse import fault_sensitivity
+from rotorjax.measurement import Measurement, is_half_order
+from rotorjax.model import Conditions, Model
+from rotorjax.space import Space
+from rotorjax.steady import without_timed
+
+MAX_STARTS = 32
+MAX_FOLDS, LEAST_RUN_FOLDS = 5, 4
+LEAST_CASES, LEAST_RUNS = 16, 4
+"""Smallest sizes that are compiled: see `size_class`."""
+
+
+class Data(NamedTuple):
+    """A measurement as the compiled code wants it."""
+
+    conditions: Conditions
+    pairs: Float[AnyArray, "case probe order 2"]
+    weight: Float[AnyArray, "case probe order 2"]
+    half_order: Bool[AnyArray, "order"]
+    run: Int[AnyArray, "case"]
+    scatter: Float[AnyArray, "case probe order 2 latent"]
+    """Whitened sensitivity to the random unbalance and bow of the case's run; zero if there is none."""
+    run_count: int
+
+
+def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
+    """A measurement in units of its noise.
+
+    **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to
+    add to the table's.
+    """
+    weight = measurement.weights(noise.allowance)
+    factor = scatter_factor(measurement, model, noise.scatter)
+    if np.any(factor):
+        slopes = fault_sensitivity(without_timed(model), measurement.conditions)
+        scatter = weight[..., None] * np.einsum("cpokd,cdl->cpokl", slopes, factor[measurement.run])
+    else:
+        scatter = np.zeros((*weight.shape, 0))
+    return Data(
+        measurement.conditions,
+        jnp.asarray(numpy_pair(measurement.vectors)),
+        jnp.asarray(weight),
+        jnp.asarray(np.array([is_half_order(order) for order in measurement.orders])),
+        jnp.asarray(measurement.run),
+        jnp.asarray(scatter),
+        len(measurement.runs),
+    )
+
+
+def filled(data: Data) -> Data:
+    """Cases filled up with copies of the last that weigh nothing, to one of a few sizes."""
+    cases = len(data.run)
+    more = size_class(cases, LEAST_CASES) - cases
+
+    def repeat(values: AnyArray) -> np.ndarray:
+        array = np.asarray(values)
+        return np.concatenate([array, np.repeat(array[-1:], more, axis=0)])
+
+    def nothing(values: AnyArray) -> np.ndarray:
+        array = np.asarray(values)
+        return np.concatenate([array, np.zeros((more, *array.shape[1:]))])
+
+    return Data(
+        jax.tree.map(repeat, data.conditions), repeat(data.pairs), nothing(data.weight), data.half_order, repeat(data.run), nothing(data.scatter),
+        size_class(data.run_count, LEAST_RUNS),
+    )  # fmt: skip
+
+
+def size_class(count: int, least: int) -> int:
+    """The next of ``least`` times 1, 1.5, 2, 3, 4, 6, 8, 12, 16, ..."""
+    size = least
+    while size < count:
+        half = size + size // 2
+        if count <= half:
+            return half
+        size *= 2
+    return size
+
+
+def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float) -> Float[np.ndarray, "start param"]:
+    """Where to begin: the null, the values given, every start that a free effect declares, then combinations, at most `MAX_STARTS`.
+
+    **Arguments:** ``reach``: largest displacement measured [m], where starts are relative to it; the sag under the weight comes on top where
+    order 0 was not measured.
+    """
+    names = {e.effect for e in space.entries if free[e.unknown]}
+    if 0.0 not in space.model.layout.orders:
+        rotor = space.model.rotor
+        reach += float(rotor.mass * np.hypot(*np.asarray(rotor.gravity)) / np.mean(np.asarray(rotor.stiffness)))
+    options = []
+    for effect in space.model.effects:
+        if effect.name in names:
+            entries = {e.label.split(".")[0]: e for e in space.entries if e.effect == effect.name}
+            unit = {name: 1.0 / (reach * entries[name].scale) for name in type(effect).over_amplitude}
+            options.append([{entries[name].unknown: value * unit.get(name, 1.0) for name, value in start.items()} for start in type(effect).starts])
+    first = [chosen[0] for chosen in options]
+    singly = [[*first[:k], other, *first[k + 1 :]] for k, chosen in enumerate(options) for other in chosen[1:]]
+    starts = [np.where(free, space.given_unknowns(), 0.0)]
+    for combination in itertools.chain([first], singly, itertools.product(*options)):
+        start = np.zeros(len(space.entries))
+        for unknown, value in ((u, v) for chosen in combination for u, v in chosen.items()):
+            start[unknown] = value
+        if not any(np.array_equal(start, other) for other in starts):
+            starts.append(start)
+        if len(starts) == MAX_STARTS:
+            break
+    return np.stack(starts)
+
+
+def make_folds(measurement: Measurement, information: Float[np.ndarray, "case param param"]) -> tuple[Bool[np.ndarray, "fold case"], str]:
+    """Cases to leave out together: whole runs if there are enough of them, else groups of speeds.
+
+    A split is honest only if every training fold determines all that the whole data determine: leaving out the one run
+    with a weight in a plane would condemn what only that run shows. **Arguments:** ``information``: of every case on
+    the free unknowns. **Returns** one mask per fold, none with the reason where no honest split exists.
+    """
+    cluster, speeds = measurement.speed_cluster()
+    whole = _rank(np.sum(information, axis=0))
+    for label, count, least in ((measurement.run, len(measurement.runs), LEAST_RUN_FOLDS), (cluster, len(speeds), 3)):
+        if count >= least:
+            fold = label % min(MAX_FOLDS, count)
+            folds = np.stack([fold == k for k in range(min(MAX_FOLDS, count))])
+            if all(_rank(np.sum(information[~left_out], axis=0)) == whole for left_out in folds):
+                return folds, ""
+    runs = "1 run" if len(measurement.runs) == 1 else f"{len(measurement.runs)} runs"
+    at = "1 speed" if len(speeds) == 1 else f"{len(speeds)} speeds"
+    reason = f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take four runs or three speeds that each show all"
+    return np.zeros((0, len(measurement.run)), bool), reason
+
+
+def _rank(information: Float[np.ndarray, "param param"]) -> int:
+    """Number of directions that the data determine better than a hundredth of the prior."""
+    return int(np.count_nonzero(np.linalg.eigvalsh(information) > 1e-2)) if len(information) else 0
+
+
+def half_order_sign(model: AnyArray, measured: AnyArray, weight: AnyArray, half_order: AnyArray) -> Float[Array, "case 1 order 1"]:
+    """The sign, one per case, that brings a measured half order nearer to the model; one for whole orders."""
+    along = jnp.sum(weight**2 * model * measured, axis=(1, 3), keepdims=True)
+    return jnp.where(half_order[None, None, :, None] & (along < 0.0), -1.0, 1.0)
+
+
+def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Complex[np.ndarray, "case probe order"]:
+    """Model minus measured [m] from the residual in standard errors, zero where nothing was measured."""
+    weight = np.asarray(data.weight)
+    pairs = np.divide(error.reshape(weight.shape), weight, out=np.zeros(weight.shape), where=weight > 0.0)
+    return pairs[..., 0] + 1j * pairs[..., 1]

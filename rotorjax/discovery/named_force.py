@@ -1,0 +1,61 @@
+"""None of these: the force that is missing, the simple terms that it looks like, and how well they do in the response."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from rotorjax.discovery.fit import Fit, fit
+from rotorjax.discovery.missing_force import Candidate, MissingForce, missing_force, regress
+from rotorjax.discovery.noise import LARGEST_HEALTHY_CHI2
+from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
+from rotorjax.measurement import Measurement
+from rotorjax.model import Effect, Model
+
+
+@dataclasses.dataclass(frozen=True)
+class NamedForce:
+    """The force that a model lacks, and what it looks like."""
+
+    force: MissingForce
+    terms: tuple[Candidate, ...]
+    """None where nothing simple fits."""
+    beside: tuple[str, ...]
+    """Effects of the answer that are kept beside the terms; none where the terms do better on the model as declared."""
+    fit: Fit | None
+    """The terms, and those effects, fitted in the response."""
+
+    @property
+    def enough(self) -> bool:
+        """Whether the terms leave no more than the noise of the table."""
+        return self.fit is not None and self.fit.reduced_chi2 is not None and self.fit.reduced_chi2 <= LARGEST_HEALTHY_CHI2
+
+    @property
+    def words(self) -> str:
+        """The terms in plain words."""
+        return " and ".join(term.words for term in self.terms)
+
+
+def name_force(declared: Model, answer: Model, effects: tuple[str, ...], measurement: Measurement, catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce:
+    """Look at the force that is missing, name simple terms, and fit them in the response, not only in the equation of motion.
+
+    First beside the model as declared: effects that were added in vain distort what is left. If that is not enough, beside the
+    answer. **Arguments:** ``declared``: model with the values declared uncertain fitted; ``answer``: with the ``effects`` added.
+    **Returns** the better of both.
+    """
+    first = _named(declared, (), measurement, catalog)
+    if first.enough or not effects:
+        return first
+    second = _named(answer, effects, measurement, catalog)
+    rest = {id(n): n.fit.end.cost if n.fit is not None else float("inf") for n in (first, second)}
+    return min((first, second), key=lambda n: rest[id(n)] + 3.0 * len(n.beside))
+
+
+def _named(model: Model, beside: tuple[str, ...], measurement: Measurement, catalog: Mapping[str, type[Effect]]) -> NamedForce:
+    every = dict(catalog) | TERMS
+    force = missing_force(model.with_orders(measurement.orders), measurement)
+    terms = tuple(t for t in regress(force, every, fitted=beside) if t.term not in model)
+    if not terms:
+        return NamedForce(force, (), beside, None)
+    full = model.plus([every[t.term](**t.coefficients) for t in terms])
+    names = tuple(name for name in (*beside, *(t.term for t in terms)) if name in full)
+    return NamedForce(force, terms, beside, fit(full, measurement, free=names))

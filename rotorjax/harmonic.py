@@ -1,0 +1,255 @@
+"""Harmonic balance by alternating frequency and time: the steady state under forces that depend on the motion.
+
+Motion over one period of the base order: q(φ) = a_0 + Σ Re[q_n e^{inφ}], φ = Ωt. Its coefficients y, per direction
+(a_0, Re q_n, Im q_n, ...), solve y = L(F - N(y)): L the linear rotor, order by order, N(y) the same coefficients of the
+restoring force along the motion (Cameron, Griffin 1989, J. Appl. Mech. 56(1):149-154).
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Complex, Float, Int
+
+LEAST_ORDER, MARGIN = 7, 4
+"""Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one measured."""
+SAMPLES = 64
+"""Instants per turn of the shaft."""
+PARTS = (1, 2, 3, 4)
+"""A period may be this many turns, for orders 1/2, 1/3, 1/4."""
+TOLERANCE = 1e-6
+"""Of the last change but one, relative to the size of the motion: Newton's method squares it."""
+NEWTON_STEPS = 12
+SMALLEST_PART = 1.0 / 64.0
+"""Of the restoring force, by which it is let in where Newton's method does not converge at once."""
+SMALLEST_MOTION = 1e-9
+"""Size [m] below which a motion counts as rest when tolerances are set."""
+BALANCED, NOT_BALANCED = 0, 1
+
+
+class Grid(NamedTuple):
+    """The orders that are balanced, and the instants of one period."""
+
+    orders: tuple[float, ...]
+    """Multiples of the base order, zero first."""
+    turns: int
+    """Turns of the shaft in one period."""
+
+    @property
+    def order_array(self) -> Float[np.ndarray, "order"]:
+        """The orders as numbers."""
+        return np.array(self.orders)
+
+    @property
+    def angle(self) -> Float[np.ndarray, "instant"]:
+        """Shaft angle at every instant."""
+        return 2.0 * math.pi * np.arange(SAMPLES * self.turns) / SAMPLES
+
+    def synthesis(self, angle: Float[np.ndarray, "instant"]) -> Float[np.ndarray, "coefficient instant"]:
+        """Waveform of each coefficient."""
+        phase = np.outer(self.order_array[1:], angle)
+        pairs = np.stack([np.cos(phase), -np.sin(phase)], axis=1).reshape(-1, len(angle))
+        return np.concatenate([np.ones((1, len(angle))), pairs])
+
+    def slope(self, angle: Float[np.ndarray, "instant"]) -> Float[np.ndarray, "coefficient instant"]:
+        """Its derivative by the shaft angle."""
+        orders = self.order_array[1:, None]
+        phase = orders * angle
+        pairs = np.stack([-orders * np.sin(phase), -orders * np.cos(phase)], axis=1).reshape(-1, len(angle))
+        return np.concatenate([np.zeros((1, len(angle))), pairs])
+
+    def analysis(self) -> Float[np.ndarray, "instant coefficient"]:
+        """From the instants to the coefficients."""
+        weight = np.where(np.arange(2 * len(self.orders) - 1) == 0, 1.0, 2.0) / (SAMPLES * self.turns)
+        return (self.synthesis(self.angle) * weight[:, None]).T
+
+    def products(self) -> Float[np.ndarray, "kind instant coefficient coefficient"]:
+        """Analysis of the b-th coefficient times synthesis of the c-th, for position and for velocity: from slopes at instants to a Jacobian."""
+        both = np.stack([self.synthesis(self.angle), self.slope(self.angle)])
+        return np.einsum("sb,kcs->ksbc", self.analysis(), both)
+
+
+@functools.lru_cache
+def make_grid(orders: tuple[float, ...]) -> Grid:
+    """The grid that holds these orders.
+
+    **Errors.** ``ValueError`` for an order that is no multiple of 1, 1/2, 1/3 or 1/4.
+    """
+    turns = next((k for k in PARTS if all(abs(order * k - round(order * k)) < 1e-9 for order in orders)), None)
+    if turns is None:
+        shown = ", ".join(f"{order:g}" for order in orders)
+        raise ValueError(f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4")
+    highest = max(LEAST_ORDER, math.ceil(max(orders)) + MARGIN)
+    return Grid(tuple(k / turns for k in range(highest * turns + 1)), turns)
+
+
+def to_complex(coefficients: Float[Array, "*dof coefficient"]) -> Complex[Array, "*dof order"]:
+    """Complex amplitude of every order; that of order 0 is real."""
+    real = jnp.concatenate([coefficients[..., :1], coefficients[..., 1::2]], axis=-1)
+    imaginary = jnp.concatenate([jnp.zeros_like(coefficients[..., :1]), coefficients[..., 2::2]], axis=-1)
+    return jax.lax.complex(real, imaginary)
+
+
+def to_real(amplitudes: Complex[Array, "*dof order"]) -> Float[Array, "*dof coefficient"]:
+    """Coefficients of complex amplitudes."""
+    pairs = jnp.stack([amplitudes[..., 1:].real, amplitudes[..., 1:].imag], axis=-1)
+    return jnp.concatenate([amplitudes[..., :1].real, pairs.reshape(*pairs.shape[:-2], 2 * pairs.shape[-2])], axis=-1)
+
+
+class Balance(NamedTuple):
+    """The steady state that was found."""
+
+    coefficients: Float[Array, "dof coefficient"]
+    """Not finite where none was found."""
+    result: Int[Array, ""]
+    """BALANCED or NOT_BALANCED."""
+
+
+Coefficients = Float[Array, "dof coefficient"]
+Along = Callable[[Coefficients], Coefficients]
+
+
+class System(NamedTuple):
+    """A linear rotor, and what restores it beyond."""
+
+    moved: Along
+    """Motion of the linear rotor under forces of these coefficients alone."""
+    lacking: Along
+    """D y - F: the force that the linear rotor and its own excitation lack along a motion."""
+    force: Along
+    """Coefficients of the restoring force along a motion."""
+    slopes: Callable[[Coefficients], Float[Array, "dof coefficient dof coefficient"]]
+    """Its derivatives by those of the motion."""
+    free: Coefficients
+    """Motion of the linear rotor under its own excitation."""
+    brake: Along
+    """Coefficients of the force of a strong viscous brake along a motion."""
+
+
+class Shares(NamedTuple):
+    """How much of the restoring force and of the excitation is let in."""
+
+    force: Array
+    drive: Array
+    brake: Array
+
+
+def _miss(system: System, motion: Coefficients, shares: Shares) -> Coefficients:
+    """y - L(b F - a N(y) - c B y), (a, b, c) the shares."""
+    resisting = shares.force * system.force(motion) + shares.brake * system.brake(motion)
+    return motion + system.moved(resisting) - shares.drive * system.free
+
+
+def _jacobian(system: System, motion: Coefficients, shares: Shares) -> Float[Array, "unknown unknown"]:
+    """Derivative of the miss: 1 + L (a N' + c B)."""
+    units = jnp.eye(motion.size).reshape(-1, *motion.shape)
+    columns = shares.force * jnp.moveaxis(system.slopes(motion), (2, 3), (0, 1)).reshape(units.shape) + shares.brake * jax.vmap(system.brake)(units)
+    reached = jax.vmap(system.moved)(columns).reshape(motion.size, motion.size)
+    return jnp.eye(motion.size) + reached.T
+
+
+class Root(NamedTuple):
+    """Where Newton's method ended."""
+
+    point: Coefficients
+    good: Array
+    """Whether at a root."""
+    inverse: Float[Array, "unknown unknown"]
+    """Of the last Jacobian."""
+
+
+def _newton(system: System, start: Coefficients, shares: Shares, tolerance: Array, most: Array | int = NEWTON_STEPS) -> Root:
+    """Newton's method; with ``most`` zero nothing but the Jacobian at the start."""
+
+    def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        point, _, count, _ = state
+        by_miss = inverse(_jacobian(system, point, shares))
+        change = (by_miss @ _miss(system, point, shares).ravel()).reshape(point.shape) * jnp.where(jnp.asarray(most) > 0, 1.0, 0.0)
+        return point - change, jnp.max(jnp.abs(change)), count + 1, by_miss
+
+    def going(state: tuple[Array, Array, Array, Array]) -> Array:
+        # A change that is not a number ends it too.
+        return (state[2] < jnp.maximum(most, 1)) & (state[1] > tolerance)
+
+    begin = (start, jnp.asarray(jnp.inf), jnp.asarray(0), jnp.zeros((start.size, start.size)))
+    point, change, _, by_miss = jax.lax.while_loop(going, step, begin)
+    return Root(point, change <= tolerance, by_miss)
+
+
+def inverse(matrix: Float[Array, "unknown unknown"]) -> Float[Array, "unknown unknown"]:
+    """Inverse by Gauss-Jordan elimination in place, without pivoting: 1 + L N' has its weight on the diagonal.
+
+    LAPACK's, called for a batch from within nested loops, was seen to wait for threads that never come (jax 0.10.2, two cores).
+    """
+    index = jnp.arange(len(matrix))
+
+    def eliminate(k: Array, table: Array) -> Array:
+        row = jax.lax.dynamic_index_in_dim(table, k, 0, keepdims=False)
+        column = jax.lax.dynamic_index_in_dim(table, k, 1, keepdims=False)
+        pivot = jax.lax.dynamic_index_in_dim(row, k, 0, keepdims=False)
+        row = jnp.where(index == k, 1.0, row) / pivot
+        rest = jnp.where((index == k)[None], 0.0, table) - column[:, None] * row[None]
+        return jnp.where((index == k)[:, None], row[None], rest)
+
+    return jax.lax.fori_loop(0, len(matrix), eliminate, matrix)
+
+
+def _tolerance(system: System) -> Array:
+    return TOLERANCE * jnp.maximum(jnp.max(jnp.abs(system.free)), SMALLEST_MOTION)
+
+
+def balance(system: System, frozen: System, start: Coefficients, most: Array | int = NEWTON_STEPS) -> Balance:
+    """Solve y = L(F - N(y)) by Newton's method from a start near by; differentiable once, by the implicit function theorem.
+
+    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p. **Arguments:** ``frozen``: the same
+    equations without derivatives by parameters; ``most`` steps of Newton's method before that one. With none the motion is what the
+    equations make of the start to first order.
+    """
+    whole = Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(()))
+    root = _newton(frozen, start, whole, _tolerance(frozen), most)
+    point = jnp.where(root.good, root.point, 0.0)
+    missing = frozen.moved(system.lacking(point) + system.force(point))
+    step = (root.inverse @ missing.ravel()).reshape(point.shape)
+    return Balance(jnp.where(root.good, point - step, jnp.nan), jnp.where(root.good, BALANCED, NOT_BALANCED))
+
+
+def settled(system: System, start: Coefficients) -> Coefficients:
+    """The steady state to which Newton's method leads from a start, or not a number. Not to be differentiated."""
+    root = _newton(system, start, Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(())), _tolerance(system))
+    return jnp.where(root.good, root.point, jnp.nan)
+
+
+def search(system: System) -> Coefficients:
+    """A steady state from nothing known, or not a number. Not to be differentiated.
+
+    Newton's method from the free motion. Where that does not converge, the restoring force is let in by parts from the free motion,
+    each part solved from the one before; where this path turns back, as it does where resonance curves lean over, the excitation
+    is, from rest; where that does too, a strong brake is taken off by parts.
+    """
+    one, tolerance = jnp.ones(()), _tolerance(system)
+    paths = jnp.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])  # shares at the beginning of each path; at its end 1, 1, 0
+    origins = jnp.stack([system.free, jnp.zeros_like(system.free), jnp.zeros_like(system.free)])
+
+    def attempt(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        point, done, part, path = state
+        # The beginning of a path is at hand but for the last, which the solution under the full brake begins.
+        share = jnp.where((path == 2) & (done < 0.0), 0.0, jnp.minimum(1.0, jnp.maximum(done, 0.0) + part))
+        shares = (1.0 - share) * paths[path] + share * jnp.array([1.0, 1.0, 0.0])
+        there, good, _ = _newton(system, point, Shares(shares[0], shares[1], shares[2]), tolerance)
+        point, done, part = jnp.where(good, there, point), jnp.where(good, share, done), jnp.where(good, 2.0 * part, 0.25 * part)
+        part = jnp.minimum(part, one)
+        stuck = (part < SMALLEST_PART) & (path < len(paths) - 1)
+        after = jnp.minimum(path + stuck, len(paths) - 1)
+        fresh = jnp.where(after == 2, -1.0, 0.0)
+        return jnp.where(stuck, origins[after], point), jnp.where(stuck, fresh, done), jnp.where(stuck, 0.25, part), after
+
+    at_once = settled(system, system.free)
+    good = jnp.all(jnp.isfinite(at_once))
+    state = (jnp.where(good, at_once, system.free), jnp.where(good, 1.0, 0.0), 0.25 * one, jnp.asarray(0))
+    point, done, *_ = jax.lax.while_loop(lambda s: (s[1] < 1.0) & (s[2] >= SMALLEST_PART), attempt, state)
+    return jnp.where(done >= 1.0, point, jnp.nan)

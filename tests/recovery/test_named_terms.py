@@ -1,0 +1,89 @@
+"""A force that no named effect explains, hidden in data by time integration: the regression names its shape and its size."""
+
+import numpy as np
+import pytest
+
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects
+from rotorjax.discovery.missing_force import missing_force, regress
+
+import nonlinear_oracle as in_time
+from hidden import Machine, Plan
+
+MACHINE = Machine()
+ORDERS = (0.0, 1.0, 2.0, 3.0)
+SPEEDS = tuple(share * MACHINE.frequency for share in (0.5, 0.75, 0.9, 1.0, 1.1, 1.3))
+WEIGHTS = {"baseline": [12e-6 + 0j], "trial": [25e-6 * np.exp(2.1j)]}
+SIGMA = 0.5e-6
+LEFT_OUT = 4e-6j
+"""Unbalance that the rotor has and the rig file does not know [kg m]."""
+GAP = 1.2e-4
+PUSH, TWICE, PULSE = 1.0 * np.exp(0.7j), 0.8 * np.exp(-0.4j), 1500.0 * np.exp(0.4j)
+MODEL = Model(Jeffcott(MACHINE.mass, list(MACHINE.stiffness), list(MACHINE.ratio)), layout=Layout(orders=ORDERS))
+
+HIDDEN = {
+    "cubic in x": (in_time.cubic_x(3e10), "term_cubic_x", {"cubic_n_per_m3": 3e10}),
+    "dead band along x of 0.12 mm": (in_time.dead_band_x(2e4, GAP), "term_dead_band_x", {"stiffness_n_per_m": 2e4, "inverse_gap_per_m": 1 / GAP}),
+    "quadratic damping along x": (in_time.quadratic_damping_x(300.0), "term_quadratic_damping_x", {"damping_n_s2_per_m2": 300.0}),
+    # The integration has its forces on the left-hand side; these terms push.
+    "constant direction along x, once per turn": (in_time.pulsating(PUSH, 0.0), "term_pulsating_x", {"cosine_n": -PUSH.real, "sine_n": PUSH.imag}),
+    "constant direction along y, twice per turn": (
+        in_time.pulsating(TWICE, np.pi / 2, 2), "term_pulsating_twice_y", {"cosine_n": -TWICE.real, "sine_n": TWICE.imag},
+    ),
+    "stiffness along x that pulsates twice per turn": (
+        in_time.stiffness_twice_per_turn_x(PULSE), "term_turning_stiffness_x", {"cosine_n_per_m": PULSE.real, "sine_n_per_m": -PULSE.imag},
+    ),
+}  # fmt: skip
+
+
+def measure(force: in_time.Force, *, left_out: complex = 0.0) -> Measurement:
+    plan = Plan({run: [*weights, left_out] for run, weights in WEIGHTS.items()}, SPEEDS, ORDERS, 0.0, SIGMA)
+    z = in_time.measure(MACHINE, plan, (force,), np.random.default_rng(5))
+    run = np.repeat(np.arange(len(WEIGHTS)), len(SPEEDS))
+    weights = np.array([[[w.real, w.imag] for w in planes] for planes in WEIGHTS.values()])[run]
+    conditions = Conditions.at(np.tile(SPEEDS, len(WEIGHTS)), unbalance=weights)
+    return Measurement(tuple(WEIGHTS), ("X", "Y"), ORDERS, run, ("",) * len(run), conditions, z, np.ones(z.shape, bool), np.full(z.shape, SIGMA), "given")
+
+
+def assert_near(found: dict[str, float], expected: dict[str, float], share: float) -> None:
+    """To a share of the largest: pairs are components of one amplitude."""
+    assert found.keys() == expected.keys()
+    for key, value in expected.items():
+        others = [v for k, v in expected.items() if k.partition("_")[2] == key.partition("_")[2]]
+        assert found[key] == pytest.approx(value, abs=share * max(map(abs, others))), key
+
+
+@pytest.mark.parametrize("words", HIDDEN)
+def test_term_is_named(words):
+    force, term, values = HIDDEN[words]
+    found = regress(missing_force(MODEL, measure(force)))
+    assert found[0].words == words
+    assert found[0].term == term
+    assert found[0].share > 0.9
+    assert not found[0].rivals
+    assert_near(found[0].coefficients, values, 0.1)
+    assert len(found) == 1
+
+
+def test_two_at_once():
+    """Neither alone looks like anything; the stop that would explain the largest vibration is not believed."""
+    force, term, values = HIDDEN["cubic in x"]
+    found = regress(missing_force(MODEL, measure(force, left_out=LEFT_OUT)))
+    by_name = {candidate.term: candidate.coefficients for candidate in found}
+    assert set(by_name) == {term, "residual_unbalance"}
+    assert_near(by_name[term], values, 0.05)
+    np.testing.assert_allclose([by_name["residual_unbalance"][f"unbalance_{a}_kg_m"] for a in "xy"], [0.0, LEFT_OUT.imag], rtol=0.0, atol=0.05 * LEFT_OUT.imag)
+
+
+def test_fitted_effects_give_way():
+    """A wrong explanation that took up half of the force, and more, is taken back."""
+    force, term, values = HIDDEN["cubic in x"]
+    wrong = MODEL + effects.Duffing(1e10) + effects.StiffnessError(0.02, 0.02) + effects.DampingError(0.1, 0.0)
+    found = regress(missing_force(wrong, measure(force)), fitted=("duffing", "stiffness_error", "damping_error"))
+    assert found[0].term == term
+    assert_near(found[0].coefficients, values, 0.1)
+
+
+def test_a_named_effect_is_named():
+    found = regress(missing_force(MODEL, measure(in_time.duffing(2e10))))
+    assert found[0].term == "duffing"
+    assert_near(found[0].coefficients, {"cubic_n_per_m3": 2e10}, 0.1)
