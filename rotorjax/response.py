@@ -57,7 +57,7 @@ def motion_shape(model: Model) -> tuple[int, int, int]:
 
 
 def vectors_from(
-    model: Model, conditions: Conditions, motions: Float[Array, "case speed dof coefficient"], on: Bool[Array, "effect"], steps: Array
+    model: Model, conditions: Conditions, motions: Float[Array, "case speed dof coefficient"], steps: Array
 ) -> tuple[Complex[Array, "case probe order"], Float[Array, "case speed dof coefficient"]]:
     """`vectors` of a model whose orders depend on one another, from motions near by, and the motions found.
 
@@ -65,7 +65,7 @@ def vectors_from(
     """
 
     def one(condition: Conditions, near: Array) -> tuple[Array, Array]:
-        at = jax.vmap(lambda speed, motion: timed_vectors(model, dataclasses.replace(condition, speed=speed), Near(motion, on, steps)))
+        at = jax.vmap(lambda speed, motion: timed_vectors(model, dataclasses.replace(condition, speed=speed), Near(motion, steps)))
         shown, found = at(_speeds(model, condition), near)
         return (shown[0] if model.slow_roll is None else shown[0] - shown[1]), found.coefficients
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Complex, Float
 
@@ -44,11 +45,12 @@ def without_timed(model: Model) -> Model:
     return model
 
 
-def _pair(vector: Vector) -> Complex[Array, "dof order"]:
+def in_space(vector: Vector) -> Complex[Array, "dof order"]:
+    """Both directions in one array."""
     return jnp.stack([vector.x, vector.y])
 
 
-def _by_order(model: Model, condition: Conditions, grid: Grid) -> tuple[Assembled, Chain]:
+def by_order(model: Model, condition: Conditions, grid: Grid) -> tuple[Assembled, Chain]:
     """The linear rotor and the measuring chain at every order of the grid; leading axis: order."""
 
     def at_order(order: Float[Array, ""], index: Array) -> tuple[Assembled, Chain]:
@@ -59,122 +61,127 @@ def _by_order(model: Model, condition: Conditions, grid: Grid) -> tuple[Assemble
     return jax.vmap(at_order)(orders, jnp.arange(len(grid.orders)))
 
 
-class Course(NamedTuple):
-    """What a restoring force depends on beside the motion, along one period; last axis: instant."""
+class Inputs(NamedTuple):
+    """What the coefficients of the restoring force have derivatives by."""
 
-    model: Model
+    own: tuple[Float[Array, "param"], ...]
+    """Parameters of every effect."""
     speed: Float[Array, ""]
-    angle: Float[Array, "instant"]
-    bow: Float[Array, "dof instant"]
-    on: Bool[Array, "effect"] | None
+    motion: Coefficients
+    bow: Coefficients
 
 
-Kinematics = Float[Array, "kind dof instant"]
-"""Position and velocity."""
+class Moment(NamedTuple):
+    """What the force of an effect at one instant has derivatives by; as an array of many, the last axis counts instants."""
 
-
-def _at_instant(motion: Float[Array, "kind dof"], angle: Array, bow: Float[Array, "dof"], course: Course) -> Float[Array, "dof"]:
-    instant = Instant(course.model.rotor, course.speed, angle, motion[0], motion[1], motion[0] - bow)
-    total = jnp.zeros(2)
-    for k, effect in enumerate(restoring(course.model)):
-        if course.on is None:
-            total += effect.force(instant)
-        else:
-            # A condition that is the same for a whole batch leaves the other branch out.
-            total += jax.lax.cond(course.on[k], lambda at, e: e.force(at), lambda _, __: jnp.zeros(2), instant, effect)
-    return total
-
-
-class _Inputs(NamedTuple):
-    """What the force of one effect at one instant has derivatives by."""
-
-    own: Float[Array, "param"]
-    speed: Float[Array, ""]
-    motion: Float[Array, "kind dof"]
+    position: Float[Array, "dof"]
+    velocity: Float[Array, "dof"]
     bow: Float[Array, "dof"]
+    speed: Float[Array, ""]
 
 
-EVERY = _Inputs(None, None, -1, -1)  # pyright: ignore
-"""Which inputs have an axis of instants."""
+Forces = Callable[[tuple[Array, ...], Moment, Array], Float[Array, "effect dof"]]
+"""Parameters, moment, shaft angle -> force of every effect."""
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _one_force(effect_of: EffectOf, inputs: _Inputs, angle: Array, rotor: AbstractRotor, on: Array) -> Float[Array, "dof instant"]:
-    """Force of one effect at every instant (last axis), zero where it is not on.
+def _forces(effects: tuple[EffectOf, ...], rotor: AbstractRotor) -> Forces:
+    def at(own: tuple[Array, ...], moment: Moment, angle: Array) -> Array:
+        instant = Instant(rotor, moment.speed, angle, moment.position, moment.velocity, moment.position - moment.bow)
+        return jnp.stack([effect_of(values).force(instant) for effect_of, values in zip(effects, own, strict=True)])
 
-    Its derivatives, few and the same for every direction in which they are wanted, are computed once. None by rotor and angle.
+    return at
+
+
+def _moments(inputs: Inputs, grid: Grid) -> Moment:
+    synthesis, rate = (jnp.asarray(m) for m in (grid.synthesis(grid.angle), grid.slope(grid.angle)))
+    return Moment(inputs.motion @ synthesis, inputs.speed * inputs.motion @ rate, inputs.bow @ synthesis, inputs.speed)
+
+
+EVERY = Moment(-1, -1, -1, None)  # pyright: ignore
+"""Which parts of a moment have an axis of instants."""
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _force(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor) -> Coefficients:
+    """Coefficients of the sum of all forces; no derivative by the rotor.
+
+    What derivatives need, few slopes at every instant, is analysed once for all directions in which they are wanted.
     """
-
-    def branch(inputs: _Inputs) -> Array:
-        return jax.vmap(lambda at, angle: _single(effect_of, at, angle, rotor), in_axes=(EVERY, -1), out_axes=-1)(inputs, angle)
-
-    return jax.lax.cond(on, branch, lambda _: jnp.zeros((2, len(angle))), inputs)
+    along = jax.vmap(_forces(effects, rotor), in_axes=(None, EVERY, -1), out_axes=-1)
+    total = jnp.sum(along(inputs.own, _moments(inputs, grid), jnp.asarray(grid.angle)), axis=0)
+    return total @ jnp.asarray(grid.analysis())
 
 
-@_one_force.defjvp
-def _(effect_of: EffectOf, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
-    inputs, angle, rotor, on = primals
-    slopes_of = jax.jacfwd(lambda at, angle: _single(effect_of, at, angle, rotor))
+@functools.partial(_force.defjvp, symbolic_zeros=True)
+def _(effects: tuple[EffectOf, ...], grid: Grid, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+    inputs, rotor = primals
+    moved: Inputs = tangents[0]
+    forces, moments = _forces(effects, rotor), _moments(inputs, grid)
+    angle, synthesis, rate = (jnp.asarray(m) for m in (grid.angle, grid.synthesis(grid.angle), grid.slope(grid.angle)))
+    over_instants = {"in_axes": (None, EVERY, -1), "out_axes": -1}
 
-    def branch(inputs: _Inputs) -> _Inputs:
-        return jax.vmap(slopes_of, in_axes=(EVERY, -1), out_axes=-1)(inputs, angle)
+    def along(slopes: Array, waves: Array) -> Array:
+        return jnp.einsum("djs,js->ds", slopes, waves)
 
-    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), jax.eval_shape(branch, inputs))
-    by, moved = jax.lax.cond(on, branch, lambda _: blank, inputs), tangents[0]
-    change = jnp.einsum("dps,p->ds", by.own, moved.own) + by.speed * moved.speed
-    change += jnp.einsum("dkjs,kjs->ds", by.motion, moved.motion) + jnp.einsum("djs,js->ds", by.bow, moved.bow)
-    return _one_force(effect_of, *primals), change
-
-
-def _single(effect_of: EffectOf, inputs: _Inputs, angle: Array, rotor: AbstractRotor) -> Float[Array, "dof"]:
-    position, velocity = inputs.motion[0], inputs.motion[1]
-    return effect_of(inputs.own).force(Instant(rotor, inputs.speed, angle, position, velocity, position - inputs.bow))
-
-
-def _chosen_forces(motion: Kinematics, course: Course) -> Float[Array, "dof instant"]:
-    """Forces of those effects that are on."""
-    assert course.on is not None
-    total = jnp.zeros((2, len(course.angle)))
-    for k, effect in enumerate(restoring(course.model)):
-        own, effect_of = ravel_pytree(effect)
-        inputs = _Inputs(own, course.speed, motion, course.bow)
-        total += _one_force(effect_of, inputs, course.angle, course.model.rotor, course.on[k])
-    return total
-
-
-def _at_instants(function: Callable[..., Array]) -> Callable[..., Array]:
-    return jax.vmap(function, in_axes=(-1, -1, -1, None), out_axes=-1)
+    change = jnp.zeros((2, len(angle)))
+    analysis = jnp.asarray(grid.analysis())
+    by = jax.vmap(jax.jacfwd(lambda own, at, phi: jnp.sum(forces(own, at, phi), axis=0), argnums=1), **over_instants)(inputs.own, moments, angle)
+    if not _is_zero(moved.motion):
+        change += along(by.position, moved.motion @ synthesis) + along(by.velocity, inputs.speed * moved.motion @ rate)
+    if not _is_zero(moved.bow):
+        change += along(by.bow, moved.bow @ synthesis)
+    if not _is_zero(moved.speed):
+        change += (along(by.velocity, inputs.motion @ rate) + by.speed) * moved.speed
+    by_own, tangents_own = [], []
+    for k, (own, tangent) in enumerate(zip(inputs.own, moved.own, strict=True)):
+        if not _is_zero(tangent):
+            single = jax.jacfwd(lambda own, at, phi, k=k: _forces(effects[k : k + 1], rotor)((own,), at, phi)[0])
+            by_own.append(jax.vmap(single, **over_instants)(own, moments, angle))
+            tangents_own.append(tangent)
+    after = change @ analysis
+    if by_own:
+        # Analysed before they are combined: once for all directions.
+        after += jnp.einsum("dpb,p->db", jnp.concatenate(by_own, axis=1) @ analysis, jnp.concatenate(tangents_own))
+    return _force(effects, grid, inputs, rotor), after
 
 
-def _system(model: Model, condition: Conditions, grid: Grid, assembled: Assembled, on: Bool[Array, "effect"] | None) -> System:
+def _is_zero(tangent: Any) -> bool:
+    return isinstance(tangent, SymbolicZero)
+
+
+def _analysed(slopes: Float[Array, "dof kind dof instant"], grid: Grid) -> Float[Array, "dof coefficient dof coefficient"]:
+    """From slopes at instants, by position and by velocity, to those of the coefficients."""
+    return jnp.einsum("ikjs,ksbc->ibjc", slopes, jnp.asarray(grid.products()[: slopes.shape[1]]))
+
+
+def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled: Assembled) -> System:
     """The equations of harmonic balance of one case at its true speed."""
-    synthesis, rate, analysis = (jnp.asarray(m) for m in (grid.synthesis(grid.angle), grid.slope(grid.angle), grid.analysis()))
-    products = jnp.asarray(grid.products())
-    bow = to_real(_pair(assembled.offset) + jnp.zeros((2, len(grid.orders)), complex)) @ synthesis
-    course = Course(model, condition.speed, jnp.asarray(grid.angle), bow, on)
-
-    compliance, drive = assembled.dynamic.inverse(), to_real(_pair(assembled.drive) + jnp.zeros((2, len(grid.orders)), complex))
+    flat = [ravel_pytree(effect) for effect in restoring(model)]
+    own, effects = tuple(values for values, _ in flat), tuple(effect_of for _, effect_of in flat)
+    whole = jnp.zeros((2, len(grid.orders)), complex)
+    compliance, drive, bow = assembled.dynamic.inverse(), to_real(in_space(assembled.drive) + whole), to_real(in_space(assembled.offset) + whole)
 
     def moved(force: Coefficients) -> Coefficients:
         pair = to_complex(force)
-        return to_real(_pair(compliance.times(Vector(pair[0], pair[1]))))
+        return to_real(in_space(compliance.times(Vector(pair[0], pair[1]))))
 
     def lacking(motion: Coefficients) -> Coefficients:
         pair = to_complex(motion)
-        return to_real(_pair(assembled.dynamic.times(Vector(pair[0], pair[1])))) - drive
+        return to_real(in_space(assembled.dynamic.times(Vector(pair[0], pair[1])))) - drive
 
-    def kinematics(coefficients: Coefficients) -> Kinematics:
-        return jnp.stack([coefficients @ synthesis, condition.speed * coefficients @ rate])
+    def force(motion: Coefficients) -> Coefficients:
+        return _force(effects, grid, Inputs(own, condition.speed, motion, bow), model.rotor)
 
-    def slopes(coefficients: Coefficients) -> Float[Array, "dof coefficient dof coefficient"]:
-        by_motion = _at_instants(jax.jacfwd(_at_instant))(kinematics(coefficients), course.angle, course.bow, course)
-        weighted = by_motion * jnp.stack([jnp.ones(()), condition.speed])[None, :, None, None]
-        return jnp.einsum("ikjs,ksbc->ibjc", weighted, products)
+    def slopes(motion: Coefficients) -> Float[Array, "dof coefficient dof coefficient"]:
+        total = _forces(effects, model.rotor)
 
-    def force(coefficients: Coefficients) -> Coefficients:
-        motion = kinematics(coefficients)
-        along = _at_instants(_at_instant)(motion, course.angle, course.bow, course) if on is None else _chosen_forces(motion, course)
-        return along @ analysis
+        def at(by_motion: Array, moment: Moment, angle: Array) -> Array:
+            return jnp.sum(total(own, moment._replace(position=by_motion[0], velocity=by_motion[1]), angle), axis=0)
+
+        moments = _moments(Inputs(own, condition.speed, motion, bow), grid)
+        along = jnp.stack([moments.position, moments.velocity])
+        by_motion = jax.vmap(jax.jacfwd(at), in_axes=(-1, EVERY, -1), out_axes=-1)(along, moments, jnp.asarray(grid.angle))
+        return _analysed(by_motion * jnp.stack([jnp.ones(()), condition.speed])[None, :, None, None], grid)
 
     def brake(coefficients: Coefficients) -> Coefficients:
         size = 2.0 * jnp.sqrt(model.rotor.mass * jnp.mean(model.rotor.stiffness))
@@ -188,8 +195,6 @@ class Near(NamedTuple):
 
     motion: Coefficients
     """Coefficients of a motion near by; where not a number, that of the linear rotor is taken."""
-    on: Bool[Array, "effect"] | None = None
-    """Restoring effects to compute, in the order of the model; by default all."""
     steps: Array | int = NEWTON_STEPS
     """Most steps of Newton's method; with none, what the equations make of the motion near by to first order."""
 
@@ -199,13 +204,12 @@ def timed_vectors(model: Model, condition: Conditions, near: Near | None = None)
     grid = make_grid(model.layout.orders)
     whole = model.with_orders(grid.orders)
     condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
-    assembled, chain = _by_order(whole, condition, grid)
-    on = None if near is None else near.on
-    system = _system(whole, condition, grid, assembled, on)
+    assembled, chain = by_order(whole, condition, grid)
+    system = restoring_system(whole, condition, grid, assembled)
     if not restoring(model):
         found = Balance(system.free, jnp.asarray(BALANCED))
     else:
-        frozen = _system(*jax.lax.stop_gradient((whole, condition)), grid, jax.lax.stop_gradient(assembled), on)
+        frozen = restoring_system(*jax.lax.stop_gradient((whole, condition)), grid, jax.lax.stop_gradient(assembled))
         if near is None:
             found = balance(system, frozen, _with_fractions(frozen, grid, search(frozen)))
         else:
@@ -250,7 +254,7 @@ def measured_motion(model: Model, condition: Conditions, shown: Complex[Array, "
     grid = make_grid(model.layout.orders)
     whole = without_timed(model).with_orders(grid.orders)
     condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
-    assembled, chain = _by_order(whole, condition, grid)
+    assembled, chain = by_order(whole, condition, grid)
     motion = assembled.motion()
 
     def corrected(part: Assembled, link: Chain, free: Motion, vectors: Array, counted: Array) -> Array:
@@ -265,4 +269,4 @@ def measured_motion(model: Model, condition: Conditions, shown: Complex[Array, "
     index = [grid.orders.index(order) for order in _on_grid(model.layout.orders, grid)]
     parts, links, frees = jax.tree.map(lambda leaf: leaf[jnp.array(index)], (assembled, chain, motion))
     disk = jax.vmap(corrected)(parts, links, frees, shown.T, present.T).T
-    return to_real(_pair(motion.disk).at[:, jnp.array(index)].set(disk))
+    return to_real(in_space(motion.disk).at[:, jnp.array(index)].set(disk))

@@ -18,7 +18,7 @@ from rotorjax.harmonic import NEWTON_STEPS
 from rotorjax.model import Conditions, Layout
 from rotorjax.response import motions_of, vectors, vectors_from
 from rotorjax.space import Space
-from rotorjax.steady import restoring, without_timed
+from rotorjax.steady import without_timed
 
 BATCH = 6
 """Descents run together: more make the fast ones wait for the slowest, fewer waste the vector units."""
@@ -26,8 +26,10 @@ TIMED_BATCH = 4
 """The same where orders are balanced together."""
 LEG, LEGS, TIMED_LEG = 12, 5, 4
 """Steps that a batch makes together, and how many times those not at their end yet go on, in fuller batches."""
-HOPELESS = 300.0
-"""Cost above the best of a call on the same cases with which a descent does not go on for more than two legs."""
+HOPELESS, TIMED_HOPELESS = 300.0, 40.0
+"""Cost above the best known on the same cases with which a descent does not go on for more than two legs; where orders are balanced together."""
+SURE = 2
+"""Sets of unknowns that are descended to where orders are balanced together, however little their first order promises."""
 LEAST_GAIN = 1.0
 """Fall of the cost below which an effect cannot be detected."""
 KEPT_RIVALS = (3, 2, 1)
@@ -43,28 +45,24 @@ class Manner(NamedTuple):
     batch: int
     width: int = 0
     """Least number of free unknowns to make room for, so that small fits run in what is compiled for larger ones."""
+    first_order: bool = False
+    """Lay forces that depend on motion along the measured motion, and leave it at that."""
 
 
 THOROUGH, QUICK = Manner(FINE, BATCH), Manner(COARSE, 4 * BATCH)
 """For estimates; and for ranking many hypotheses."""
 
 
-class Solving(NamedTuple):
-    """How motions are found that orders share; the same for a whole batch."""
+def _shown(space: Space, data: Data, unknowns: Array, motions: Array, newton_steps: Array) -> tuple[Float[Array, "case probe order 2"], Array]:
+    """What the model shows, and the motions found; without motions to begin with every order has its closed form.
 
-    on: Bool[AnyArray, "effect"]
-    """Restoring effects that may be there."""
-    steps: int | Array
-    """Most steps of Newton's method; none: to first order from the motion given."""
-
-
-def _shown(space: Space, data: Data, unknowns: Array, motions: Array, solving: Solving) -> tuple[Float[Array, "case probe order 2"], Array]:
-    """What the model shows, and the motions found; without motions to begin with every order has its closed form."""
+    **Arguments:** ``newton_steps``: most steps towards the motions; none: to first order from those given.
+    """
     model = space.at(unknowns)
     if not len(motions):
         return real_pair(vectors(without_timed(model), data.conditions)), motions
-    shown, found = vectors_from(model, data.conditions, motions, jnp.asarray(solving.on), jnp.asarray(solving.steps))
-    return real_pair(shown), jnp.where(jnp.asarray(solving.steps) > 0, found, motions)
+    shown, found = vectors_from(model, data.conditions, motions, newton_steps)
+    return real_pair(shown), jnp.where(newton_steps > 0, found, motions)
 
 
 def residual(data: Data, shown: Float[Array, "case probe order 2"]) -> Float[Array, "case probe order 2"]:
@@ -98,6 +96,8 @@ class End(NamedTuple):
     """The motions found, where orders depend on one another; else of no case."""
     steps: int
     result: int
+    exact: bool
+    """False where forces that depend on motion were only laid along the measured motion."""
 
     @property
     def hessian(self) -> Float[np.ndarray, "param param"]:
@@ -118,7 +118,7 @@ class Start(NamedTuple):
     @classmethod
     def at(cls, end: End) -> "Start":
         """Where another descent ended."""
-        return cls(end.point, end.motions if len(end.motions) else None)
+        return cls(end.point, end.motions if len(end.motions) and end.exact else None)
 
 
 def starts_at(points: Float[np.ndarray, "start param"]) -> list[Start]:
@@ -142,7 +142,7 @@ class _Task(NamedTuple):
     """Of every case, to begin with; of none where every order has its closed form."""
 
 
-def _quadratic(space: Space, data: Data, task: _Task, solving: Solving) -> Callable[[Array, Array], Quadratic]:
+def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Callable[[Array, Array], Quadratic]:
     """Cost of the free unknowns, with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
     kept, chosen, training = task.kept, task.chosen, task.training
     member = (data.run[:, None] == jnp.arange(data.run_count)[None]).astype(float)
@@ -151,7 +151,7 @@ def _quadratic(space: Space, data: Data, task: _Task, solving: Solving) -> Calla
         return array.reshape(array.shape[0], math.prod(array.shape[1:4]), *array.shape[4:])
 
     def parts(unknowns: Array, motions: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-        shown, found = _shown(space, data, jnp.asarray(kept + chosen @ unknowns), motions, solving)
+        shown, found = _shown(space, data, jnp.asarray(kept + chosen @ unknowns), motions, newton_steps)
         error = residual(data, shown)
         return error, (error, shown, found)
 
@@ -175,11 +175,11 @@ def _quadratic(space: Space, data: Data, task: _Task, solving: Solving) -> Calla
 
 
 @eqx.filter_jit
-def _descents(space: Space, data: Data, starts: AnyArray, damping: AnyArray, tasks: _Task, solving: Solving, tolerance: Tolerance) -> Descent:
+def _descents(space: Space, data: Data, starts: AnyArray, damping: AnyArray, tasks: _Task, newton_steps: AnyArray, tolerance: Tolerance) -> Descent:
     def one(start: AnyArray, first: AnyArray, task: _Task) -> Descent:
         most = TIMED_LEG if task.motions.shape[0] else LEG
         steps = {"memory": jnp.asarray(task.motions), "damping": jnp.asarray(first), "max_steps": most, "tolerance": tolerance}
-        return levenberg_marquardt(_quadratic(space, data, task, solving), jnp.asarray(start), **steps)
+        return levenberg_marquardt(_quadratic(space, data, task, jnp.asarray(newton_steps)), jnp.asarray(start), **steps)
 
     return jax.vmap(one)(starts, damping, tasks)
 
@@ -194,13 +194,15 @@ def descend(
     kept: Float[np.ndarray, "param"] | None = None,
     shift: Float[np.ndarray, "start case cell"] | None = None,
     manner: Manner = THOROUGH,
+    bar: float = math.inf,
 ) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
 
     Cases, runs and free unknowns are filled up to a few sizes and names are left out, so that it compiles once for all
     measurements of one size; ``manner``: how exactly, and how many together. Unknowns that are not free stay at ``kept``, by default
-    where the model has them. ``shift`` is added to the residual of each. Descents that free a force depending on motion, or keep
-    one, go by harmonic balance, the others by the closed form. **Returns** one `End` per start.
+    where the model has them. ``shift`` is added to the residual of each; ``bar``: the least cost known of other fits on all cases.
+    Descents that free a force depending on motion, or keep one, go by harmonic balance, the others by the closed form.
+    **Returns** one `End` per start.
     """
     points = np.stack([start.point for start in starts])
     free = np.broadcast_to(free, points.shape)
@@ -208,15 +210,17 @@ def descend(
     timed = space.timed() & (free | (fixed != 0.0))
     ends: list[End | None] = [None] * len(starts)
     kinds = np.unique(np.asarray(training, bool), axis=0, return_inverse=True)[1].ravel()
-    bar = np.full(len(starts), np.inf)
-    for present in np.unique(timed, axis=0):
-        chosen = np.flatnonzero((timed == present).all(axis=1))
+    least = np.full(len(starts), bar)
+    for shared in (False, True):
+        chosen = np.flatnonzero(timed.any(axis=1) == shared)
+        if not len(chosen):
+            continue
         moved = None if shift is None else shift[chosen]
         tasks = _tasks(space, data, fixed[chosen], free[chosen], np.asarray(training, bool)[chosen], moved, manner)
-        group = _Group(_nameless(space), filled(data), len(data.run), manner, shift is None, space.effects_of(present), space.motion_shape())
-        for k, end in zip(chosen.tolist(), group.descend([starts[k] for k in chosen.tolist()], tasks, bar[chosen]), strict=True):
+        group = _Group(_nameless(space), filled(data), len(data.run), manner, shift is None, shared, space.motion_shape())
+        for k, end in zip(chosen.tolist(), group.descend([starts[k] for k in chosen.tolist()], tasks, least[chosen]), strict=True):
             ends[k] = end
-            bar[kinds == kinds[k]] = np.minimum(bar[kinds == kinds[k]], end.cost)
+            least[kinds == kinds[k]] = np.minimum(least[kinds == kinds[k]], end.cost)
     return [end for end in ends if end is not None]
 
 
@@ -235,6 +239,10 @@ def _tasks(space: Space, data: Data, fixed: np.ndarray, free: np.ndarray, traini
     return _Task(fixed, chosen, counted, moved, _absorbed(whole, counted), np.zeros((len(fixed), 0)))
 
 
+def _picked(starts: list[Start], index: np.ndarray) -> list[Start]:
+    return [starts[k] for k in index.tolist()]
+
+
 def _taken(tasks: _Task, index: np.ndarray) -> _Task:
     return _Task(*(np.asarray(part)[index] for part in tasks))
 
@@ -249,68 +257,68 @@ class _Group:
     manner: Manner
     rivalry: bool
     """Whether descents of the same unknowns and cases compete."""
-    present: set[str]
-    """Effects by which orders depend on one another."""
+    shared: bool
+    """Whether orders share a motion, and depend on one another."""
     motion: tuple[int, int, int]
     """Shape of the motion of a case."""
-
-    @property
-    def on(self) -> Bool[np.ndarray, "effect"]:
-        """Which restoring effects are among those."""
-        return np.array([e.name in self.present for e in restoring(self.space.model)], bool)
 
     def descend(self, starts: list[Start], tasks: _Task, bar: Float[np.ndarray, "start"]) -> list[End]:
         """One end per start; ``bar``: the least cost known of other descents on the same cases."""
         point = np.einsum("spf,sp->sf", tasks.chosen, np.stack([start.point for start in starts]))
-        if not self.present:
+        if not self.shared:
             return self._legs(point, tasks, bar)
-        motions = np.full((len(starts), len(self.data.run), *self.motion), np.nan)
-        for k, start in enumerate(starts):
-            if start.motions is not None:
-                motions[k, : self.cases] = start.motions
-        tasks = tasks._replace(motions=motions)
-        fresh = np.flatnonzero([start.motions is None for start in starts])
-        first = self._near_measured([starts[k] for k in fresh.tolist()], _taken(tasks, fresh), point[fresh]) if len(fresh) else []
-        ends: dict[int, list[End]] = {k: [] for k in range(len(starts))}
-        own, begins, motions = [], [], []
-        for k in range(len(starts)):
-            if starts[k].motions is not None:
-                own, begins, motions = [*own, k], [*begins, point[k]], [*motions, tasks.motions[k]]
-        limit = min([float(bar.min()), *(end.cost for end in first)], default=math.inf) + HOPELESS
-        for k, end in zip(fresh.tolist(), first, strict=True):
-            if end.cost > min(limit, starts[k].beat - LEAST_GAIN):
-                # What hardly helps, or cannot explain the data, where its force is laid along the measured motion.
-                ends[k].append(end)
-            else:
-                # From what the measured motion made of it, and as it is.
-                near = np.concatenate([end.motions, np.repeat(end.motions[-1:], len(self.data.run) - self.cases, axis=0)])
-                own, begins, motions = [*own, k, k], [*begins, np.asarray(tasks.chosen)[k].T @ end.point, point[k]], [*motions, near, tasks.motions[k]]
-        if own:
-            index = np.array(own)
-            for k, end in zip(own, self._legs(np.stack(begins), _taken(tasks, index)._replace(motions=np.stack(motions)), bar[index]), strict=True):
-                ends[k].append(end)
-        return [best_of(ends[k]) for k in range(len(starts))]
+        ends: dict[int, End] = {}
+        known = np.array([k for k, start in enumerate(starts) if start.motions is not None and not self.manner.first_order], int)
+        if len(known):
+            motions = np.stack([self._filled(starts[k].motions) for k in known.tolist()])
+            ends |= dict(zip(known.tolist(), self._legs(point[known], _taken(tasks, known)._replace(motions=motions), bar[known]), strict=True))
+        fresh = np.array([k for k in range(len(starts)) if k not in ends], int)
+        if len(fresh):
+            ends |= dict(zip(fresh.tolist(), self._near_measured(_picked(starts, fresh), _taken(tasks, fresh), point[fresh]), strict=True))
+        worth = np.array([] if self.manner.first_order else self._worth(starts, ends, fresh, tasks, bar), int)
+        if len(worth):
+            point = np.stack([np.asarray(tasks.chosen)[k].T @ ends[k].point for k in worth.tolist()])
+            motions = np.stack([self._filled(ends[k].motions) for k in worth.tolist()])
+            for k, end in zip(worth.tolist(), self._legs(point, _taken(tasks, worth)._replace(motions=motions), bar[worth]), strict=True):
+                ends[k] = end if math.isfinite(end.cost) else ends[k]
+        return [ends[k] for k in range(len(starts))]
+
+    def _filled(self, motions: np.ndarray) -> np.ndarray:
+        return np.concatenate([motions, np.repeat(motions[-1:], len(self.data.run) - self.cases, axis=0)])
+
+    def _worth(self, starts: list[Start], ends: dict[int, End], fresh: np.ndarray, tasks: _Task, bar: np.ndarray) -> list[int]:
+        """Those laid along the measured motion that are worth a descent: near the best known, or among the best of their kind."""
+        trained = np.unique(tasks.training, axis=0, return_inverse=True)[1].ravel()
+        worth: list[int] = []
+        for kind in np.unique(trained[fresh]):
+            own = np.flatnonzero(trained == kind).tolist()
+            limit = min(bar[own[0]], *(ends[k].cost for k in own)) + TIMED_HOPELESS
+            sets: dict[bytes, int] = {}
+            for k in sorted((k for k in own if k in fresh), key=lambda k: ends[k].cost):
+                if ends[k].cost <= starts[k].beat - LEAST_GAIN:
+                    first = sets.setdefault(ends[k].free.tobytes(), k) == k
+                    worth += [k] if ends[k].cost <= limit or (first and len(sets) <= SURE) else []
+        return worth
 
     def _near_measured(self, starts: list[Start], tasks: _Task, point: np.ndarray) -> list[End]:
         """Where forces along the measured motion fit best, each response taken to first order from there."""
         near = np.concatenate([np.asarray(_measured_motions(self.space, self.data, start.point[None])) for start in starts])
         own, ends = tasks._replace(motions=near), {}
         columns = [np.flatnonzero(task.sum(axis=1)) for task in np.asarray(tasks.chosen)]
-        for index, ended in self._batches(np.arange(len(starts)), point, np.full(len(starts), FIRST_DAMPING), own, Solving(self.on, 0)):
+        for index, ended in self._batches(np.arange(len(starts)), point, np.full(len(starts), FIRST_DAMPING), own, 0):
             for k, task in enumerate(index.tolist()):
-                ends[task] = _end(ended, k, np.asarray(tasks.kept[task]), columns[task], self.cases, int(ended.steps[k]), self.motion)
+                ends[task] = _end(ended, k, np.asarray(tasks.kept[task]), columns[task], self.cases, int(ended.steps[k]), self.motion)._replace(exact=False)
         return [ends[k] for k in range(len(starts))]
 
-    def _batches(self, waiting: np.ndarray, point: np.ndarray, damping: np.ndarray, tasks: _Task, solving: Solving) -> Iterator[tuple[np.ndarray, Descent]]:
+    def _batches(self, waiting: np.ndarray, point: np.ndarray, damping: np.ndarray, tasks: _Task, newton_steps: int) -> Iterator[tuple[np.ndarray, Descent]]:
         """One leg of those that wait, batch by batch."""
         limits = Tolerance(*(np.asarray(limit) for limit in self.manner.tolerance))
-        batch = TIMED_BATCH if self.present else self.manner.batch
+        batch = TIMED_BATCH if self.shared else self.manner.batch
         for first in range(0, len(waiting), batch):
             # The last batch is filled up with copies of its last member: they end together with it.
             index = waiting[np.minimum(np.arange(first, first + batch), len(waiting) - 1)]
             chosen = _taken(tasks, index)
-            steps = solving._replace(steps=np.asarray(solving.steps))
-            found = _descents(self.space, self.data, point[index], damping[index], chosen, steps, limits)
+            found = _descents(self.space, self.data, point[index], damping[index], chosen, np.asarray(newton_steps), limits)
             yield index[: len(waiting) - first], jax.tree.map(np.asarray, found)
 
     def _legs(self, point: np.ndarray, tasks: _Task, bar: np.ndarray) -> list[End]:
@@ -323,15 +331,15 @@ class _Group:
         rivals = np.unique(np.column_stack([free, trained]), axis=0, return_inverse=True)[1].ravel() if self.rivalry else np.arange(count)
         ends: list[End | None] = [None] * count
         waiting = np.arange(count)
-        per_round = LEG // TIMED_LEG if self.present else 1
+        per_round = LEG // TIMED_LEG if self.shared else 1
         for leg in range(LEGS * per_round):
-            for index, found in self._batches(waiting, point, damping, tasks, Solving(self.on, NEWTON_STEPS)):
+            for index, found in self._batches(waiting, point, damping, tasks, NEWTON_STEPS):
                 for k, task in enumerate(index):
                     point[task], damping[task], steps[task] = found.point[k], found.damping[k], steps[task] + found.steps[k]
-                    if self.present:
+                    if self.shared:
                         np.asarray(tasks.motions)[task] = found.quadratic.memory[k]
                     ends[task] = _end(found, k, np.asarray(tasks.kept[task]), columns[task], self.cases, int(steps[task]), self.motion)
-            waiting = _going_on([end for end in ends if end is not None], rivals, trained, leg // per_round, bar, strict=bool(self.present))
+            waiting = _going_on([end for end in ends if end is not None], rivals, trained, leg // per_round, bar, strict=self.shared)
         return [end for end in ends if end is not None]
 
 
@@ -364,7 +372,7 @@ def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], trained: Int[np
     waiting = np.array([end.result == MAX_STEPS for end in ends])
     for task in np.unique(trained) if leg > 0 or strict else ():
         own = trained == task
-        waiting[own] &= cost[own] < np.minimum(cost[own].min(), bar[own]) + HOPELESS
+        waiting[own] &= cost[own] < np.minimum(cost[own].min(), bar[own]) + (TIMED_HOPELESS if strict and leg > 0 else HOPELESS)
     for rival in np.unique(rivals[waiting]):
         own = np.flatnonzero(rivals == rival)
         ranked = own[np.argsort(cost[own], kind="stable")]
@@ -382,7 +390,7 @@ def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: i
     local = Local(np.asarray(error[k, :cases]), np.asarray(slopes[k, :cases, :, :size]))
     vectors = shown[k, :cases, ..., 0] + 1j * shown[k, :cases, ..., 1]
     motions = quadratic.memory[k][:cases] if quadratic.memory[k].ndim > 1 else np.zeros((0, *shape))
-    return End(point, cost, column, np.asarray(quadratic.hessian[k, :size, :size]), local, vectors, motions, steps, int(found.result[k]))
+    return End(point, cost, column, np.asarray(quadratic.hessian[k, :size, :size]), local, vectors, motions, steps, int(found.result[k]), exact=True)
 
 
 @eqx.filter_jit

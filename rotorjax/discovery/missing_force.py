@@ -23,13 +23,14 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax._core import MICROMETRE, AnyArray, require_float64
 from rotorjax._planar import Vector
+from rotorjax.assembly import true_speed
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import STEP, TERMS, Reach, Shape, beyond, shapes
 from rotorjax.harmonic import Grid, make_grid, to_complex, to_real
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Effect, Model, ReadingEffect, SpeedEffect, WaveformEffect
 from rotorjax.response import vectors
-from rotorjax.steady import _by_order, _pair, _system, restoring, true_speed, without_timed
+from rotorjax.steady import by_order, in_space, restoring, restoring_system, without_timed
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
@@ -132,13 +133,13 @@ def _sight(model: Model, conditions: Conditions) -> _Sight:
 
     def one(condition: Conditions) -> _Sight:
         condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
-        assembled, chain = _by_order(whole, condition, grid)
+        assembled, chain = by_order(whole, condition, grid)
         sensed = jax.vmap(lambda part, link, disk: link.sensed(whole.probes, part.motion_of(disk)))
         zero, unit = jnp.zeros(len(grid.orders), complex), jnp.ones(len(grid.orders), complex)
         rest = sensed(assembled, chain, Vector(zero, zero))
         along = jnp.stack([sensed(assembled, chain, disk) - rest for disk in (Vector(unit, zero), Vector(zero, unit))], axis=-1)
         turn = chain.turn + jnp.zeros(len(grid.orders), complex)
-        return _Sight(along[index], rest[index], turn[index], to_real(_pair(assembled.motion().disk)), condition.speed)
+        return _Sight(along[index], rest[index], turn[index], to_real(in_space(assembled.motion().disk)), condition.speed)
 
     return jax.vmap(one)(conditions)
 
@@ -153,12 +154,12 @@ def _equations(
 
     def left(at: Model, condition: Conditions, coefficients: Array) -> Array:
         condition = dataclasses.replace(condition, speed=true_speed(at, condition.speed))
-        assembled, _ = _by_order(at.with_orders(grid.orders), condition, grid)
+        assembled, _ = by_order(at.with_orders(grid.orders), condition, grid)
         pair = to_complex(coefficients)
         linear = assembled.dynamic.times(Vector(pair[0], pair[1])) - assembled.drive
-        total = to_real(_pair(linear))
+        total = to_real(in_space(linear))
         if restoring(at):
-            total += _system(at.with_orders(grid.orders), condition, grid, assembled, None).force(coefficients)
+            total += restoring_system(at.with_orders(grid.orders), condition, grid, assembled).force(coefficients)
         return total[:, measured].ravel()
 
     def one(point: Array) -> tuple[Array, Array]:

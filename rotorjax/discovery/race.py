@@ -18,6 +18,8 @@ from rotorjax.space import Space, make_space, with_company
 
 MOST_STARTS, MOST_PARENTS = 8, 2
 """Starts of one set of effects, and known neighbours whose optima they come from."""
+MOST_ROUGH = 2
+"""Optima that are kept of forces laid along the measured motion."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
 NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
@@ -26,6 +28,9 @@ NOISE_CHANGE = 0.05
 """Relative change of the noise below which it stands."""
 NONE_ODDS = 0.5
 """Prior probability that nothing is missing; the rest is shared by family, then by member."""
+
+WIDE = 0.05
+"""Noise, in the size of what was measured, from which on forces that depend on motion are only laid along the measured motion."""
 
 Effects = frozenset[str]
 """A hypothesis: the names of the effects that are there."""
@@ -70,7 +75,7 @@ class Contest:
     def manner(self, manner: Manner = QUICK) -> Manner:
         """How to descend: with room for the largest single effect, whatever is fitted."""
         widest = max((int(self.free(frozenset([name])).sum()) for name in self.candidates), default=0)
-        return Manner(manner.tolerance, QUICK.batch, widest)
+        return manner._replace(batch=QUICK.batch, width=widest)
 
     def lean(self, sets: Iterable[Effects], chosen: Effects, near: Iterable[str]) -> list[Effects]:
         """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at most or as many.
@@ -144,8 +149,11 @@ Known = dict[Effects, Contender]
 """Contenders fitted before: where to start, and what need not be fitted again."""
 
 
-def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known) -> Known:
-    """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls."""
+def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, manner: Manner = QUICK) -> Known:
+    """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
+
+    Those without forces that depend on motion first: the others have to come near them.
+    """
     wanted = list(dict.fromkeys(hypotheses))
     if not wanted:
         return {}
@@ -155,13 +163,16 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     found: dict[Effects, list[End]] = {}
     for group in ([h for h in wanted if not h & timed], [h for h in wanted if h & timed]):
         beat = {effects: min((end.cost for end in found.get(effects - timed, [])), default=math.inf) for effects in group}
-        found |= _fitted(contest, data, group, known, beat)
+        best = min((end.cost for ends in found.values() for end in ends), default=math.inf)
+        found |= _fitted(contest, data, group, known, beat, best, contest.manner(manner))
     size = contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
     return {effects: contender_of(effects, group, size) for effects, group in found.items()}
 
 
-def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, beat: Mapping[Effects, float]) -> dict[Effects, list[End]]:
-    """Ends of all descents of each set; ``beat``: what each has to beat, as in `Start`."""
+def _fitted(
+    contest: Contest, data: Data, wanted: list[Effects], known: Known, beat: Mapping[Effects, float], best: float, manner: Manner
+) -> dict[Effects, list[End]]:
+    """Ends of all descents of each set; ``beat``: what each has to beat, as in `Start`; ``best``: the least cost known of others."""
     starts, masks, owner = [], [], []
     for effects in wanted:
         mask = contest.free(effects)
@@ -172,16 +183,18 @@ def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, b
     if not starts:
         return {}
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, starts, np.stack(masks), training, manner=contest.manner())
+    ends = descend(contest.space, data, starts, np.stack(masks), training, manner=manner, bar=best)
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
 
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[Start]:
     """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
+    timed = contest.space.effects_of(contest.space.timed()) & effects
     if effects in known:
-        return [Start.at(end) for end in known[effects].ends]
+        ends = known[effects].ends
+        return [Start.at(end) for end in (ends if ends[0].exact else ends[:MOST_ROUGH])]
     near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
-    parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[:MOST_PARENTS]]
+    parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if timed else MOST_PARENTS]]
     starts: list[Start] = []
     for parent in parents:
         new = contest.only_of(effects - parent.effects)
@@ -237,16 +250,19 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
 
     The noise is common to all, so that the evidence compares what they predict and not how much each may miss. It begins
     wide and comes down, not below the floor: a wide one lets no hypothesis be dragged into a corner by data that it
-    cannot meet. **Arguments:** ``noise``: where to begin.
+    cannot meet. In a wide first round forces that depend on motion are only laid along the measured motion.
+    **Arguments:** ``noise``: where to begin.
     """
     wanted = list(dict.fromkeys(hypotheses))
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    found = {**known, **race(contest, noise, wanted, known)}
+    rough = noise.allowance > WIDE * contest.measurement.rms
+    found = {**known, **race(contest, noise, wanted, known, QUICK._replace(first_order=rough))}
     for _ in range(NOISE_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
-        if _same(quiet, noise):
+        if _same(quiet, noise) and not rough:
             break
+        rough = False
         noise = quiet
         best = found[leader].log_evidence
         # What was hopeless under more noise stays so under less.

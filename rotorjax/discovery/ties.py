@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorjax._core import numpy_pair
 from rotorjax.discovery.data import half_order_sign
-from rotorjax.discovery.descent import HOPELESS, End
+from rotorjax.discovery.descent import HOPELESS, TIMED_HOPELESS, End
 from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
 from rotorjax.discovery.rivals import TIE
@@ -71,11 +71,12 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     every = list(itertools.chain(*swaps.values()))
-    open_still = [h for h in every if h not in selection.known or selection.known[h].log_evidence > winner.log_evidence - HOPELESS]
+    timed = contest.space.effects_of(contest.space.timed())
+    open_still = [h for h in every if h not in selection.known or selection.known[h].log_evidence > winner.log_evidence - _hopeless(h, timed)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
-    found.update(race(contest, noise, open_still, {**selection.known, **found}))
+    found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
-    found.update(race(contest, noise, [h for h in wider if h not in found], {**selection.known, **found}))
+    found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
     leads = _leads_elsewhere(contest, noise, winner, others)
     tied, contains = [], []
@@ -95,7 +96,11 @@ def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) 
     """Whether a set may do as well: one with a force depending on motion only if a part of it comes near."""
     timed = contest.space.effects_of(contest.space.timed()) & effects
     parts = (c.log_evidence for other, c in found.items() if other < effects and timed & other)
-    return not timed or max(parts, default=math.inf) > winner.log_evidence - HOPELESS
+    return not timed or max(parts, default=math.inf) > winner.log_evidence - TIMED_HOPELESS
+
+
+def _hopeless(effects: Effects, timed: Effects | set[str]) -> float:
+    return TIMED_HOPELESS if effects & timed else HOPELESS
 
 
 def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:
