@@ -24,6 +24,7 @@ hidden   neuron of a network's hidden layer
 
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -87,6 +88,20 @@ def require_float64(what: str) -> None:
     """
     if not jax.config.read("jax_enable_x64"):
         raise ValueError(f'{what} needs double precision: jax.config.update("jax_enable_x64", True) before any array is made')
+
+
+MOST_MAPS = 30_000
+"""Memory maps of this process from which on compiled programs are dropped: Linux grants 65530 (vm.max_map_count)."""
+
+
+def forget_compiled() -> None:
+    """Drop what was compiled so far if the process nears the limit of memory maps, at which a compilation ends it (SIGSEGV).
+
+    Each measurement of a new size adds some three thousand maps, which JAX keeps for as long as the program may be used again.
+    """
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
 
 
 FIRST_DAMPING = 1e-2

@@ -17,6 +17,13 @@ hypothesis.settings.register_profile("seeded", derandomize=True, deadline=None, 
 hypothesis.settings.load_profile("seeded")
 
 
+@pytest.fixture(autouse=True)
+def spare_memory_maps():
+    from rotorjax._core import forget_compiled
+
+    forget_compiled()
+
+
 @pytest.fixture
 def paper_rotor():
     """The rig of Huang et al. 2026, table 3, with the mass that reproduces its natural frequencies."""

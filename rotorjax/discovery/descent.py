@@ -114,6 +114,8 @@ class Start(NamedTuple):
     motions: Float[np.ndarray, "near speed dof coefficient"] | None = None
     beat: float = math.inf
     """Cost without the forces that depend on motion: what to first order does not fall below it is not worth a descent."""
+    least: float = math.inf
+    """Least cost known of other fits to the same cases."""
 
     @classmethod
     def at(cls, end: End) -> "Start":
@@ -194,15 +196,13 @@ def descend(
     kept: Float[np.ndarray, "param"] | None = None,
     shift: Float[np.ndarray, "start case cell"] | None = None,
     manner: Manner = THOROUGH,
-    bar: float = math.inf,
 ) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
 
     Cases, runs and free unknowns are filled up to a few sizes and names are left out, so that it compiles once for all
     measurements of one size; ``manner``: how exactly, and how many together. Unknowns that are not free stay at ``kept``, by default
-    where the model has them. ``shift`` is added to the residual of each; ``bar``: the least cost known of other fits on all cases.
-    Descents that free a force depending on motion, or keep one, go by harmonic balance, the others by the closed form.
-    **Returns** one `End` per start.
+    where the model has them. ``shift`` is added to the residual of each. Descents that free a force depending on motion, or keep
+    one, go by harmonic balance, the others by the closed form. **Returns** one `End` per start.
     """
     points = np.stack([start.point for start in starts])
     free = np.broadcast_to(free, points.shape)
@@ -210,7 +210,7 @@ def descend(
     timed = space.timed() & (free | (fixed != 0.0))
     ends: list[End | None] = [None] * len(starts)
     kinds = np.unique(np.asarray(training, bool), axis=0, return_inverse=True)[1].ravel()
-    least = np.full(len(starts), bar)
+    least = np.array([start.least for start in starts])
     for shared in (False, True):
         chosen = np.flatnonzero(timed.any(axis=1) == shared)
         if not len(chosen):

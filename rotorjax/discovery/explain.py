@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from rotorjax._core import MICROMETRE, Tolerance, numpy_pair, require_float64
+from rotorjax._core import MICROMETRE, Tolerance, forget_compiled, numpy_pair, require_float64
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
 from rotorjax.discovery.data import half_order_sign
@@ -130,6 +130,7 @@ def explain(
     for a measurement with other probes.
     """
     require_float64("explain")
+    forget_compiled()
     full = model if isinstance(model, Model) else Model(model)
     check_catalog(catalog)
     chosen = tuple(catalog) if only is None else tuple(only)
@@ -166,7 +167,7 @@ def _answer(
     named = None
     if verdict == "unexplained" and thorough and contest.measurement.rms > 0.0:
         progress("the force that is missing")
-        named = name_force(fits[0].model, fits[-1].model, selection.effects, contest.measurement, catalog)
+        named = name_force(fits[0], fits[-1], selection.effects, catalog)
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
     return Explanation(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
-from rotorjax._core import CONVERGED, RESULT_TEXT, require_float64
+from rotorjax._core import CONVERGED, RESULT_TEXT, forget_compiled, require_float64
 from rotorjax.discovery.data import Data, declared_starts, make_data, make_folds, residual_vectors
 from rotorjax.discovery.descent import End, Local, Start, best_of, descend, starts_at
 from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
@@ -129,6 +129,7 @@ def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *
 def _stage(model: Model, everything: Model, measurement: Measurement, names: tuple[str, ...], fixed: frozenset[str]) -> Stage:
     """The model in the company, at their null, of all that may be freed: later effects, uncertain values, relatives."""
     require_float64("fit")
+    forget_compiled()
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     company = uncertain | {e.name for e in everything.effects}
     for effect in everything.effects:

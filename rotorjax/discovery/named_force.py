@@ -1,6 +1,7 @@
 """None of these: the force that is missing, the simple terms that it looks like, and how well they do in the response."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 from rotorjax.discovery.fit import Fit, fit
@@ -8,8 +9,7 @@ from rotorjax.discovery.missing_force import Candidate, MissingForce, missing_fo
 from rotorjax.discovery.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
-from rotorjax.measurement import Measurement
-from rotorjax.model import Effect, Model
+from rotorjax.model import Effect
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,23 +35,32 @@ class NamedForce:
         return " and ".join(term.words for term in self.terms)
 
 
-def name_force(declared: Model, answer: Model, effects: tuple[str, ...], measurement: Measurement, catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce:
+def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce:
     """Look at the force that is missing, name simple terms, and fit them in the response, not only in the equation of motion.
 
     First beside the model as declared: effects that were added in vain distort what is left. If that is not enough, beside the
-    answer. **Arguments:** ``declared``: model with the values declared uncertain fitted; ``answer``: with the ``effects`` added.
-    **Returns** the better of both.
+    answer. **Arguments:** ``declared``: fit of the values declared uncertain; ``answer``: with the ``effects`` added.
+    **Returns** the better of both; without terms, beside the answer, where neither does better than the answer does without.
     """
-    first = _named(declared, (), measurement, catalog)
-    if first.enough or not effects:
+    first = _named(declared, (), catalog)
+    if first.enough:
         return first
-    second = _named(answer, effects, measurement, catalog)
-    rest = {id(n): n.fit.end.cost if n.fit is not None else float("inf") for n in (first, second)}
-    return min((first, second), key=lambda n: rest[id(n)] + 3.0 * len(n.beside))
+    second = _named(answer, effects, catalog) if effects else first
+    best = min((first, second), key=lambda named: math.inf if named.fit is None else _score(named.fit))
+    if best.fit is None or _score(best.fit) >= _score(answer):
+        return NamedForce(second.force, (), effects, None)
+    return best
 
 
-def _named(model: Model, beside: tuple[str, ...], measurement: Measurement, catalog: Mapping[str, type[Effect]]) -> NamedForce:
-    every = dict(catalog) | TERMS
+def _score(fitted: Fit) -> float:
+    """Schwarz' criterion of what a fit leaves, for noise of unknown size (Schwarz 1978, Ann. Statist. 6:461-464)."""
+    m = fitted.stage.measurement
+    numbers = 2 * int(m.present.sum())
+    return numbers * math.log(max(m.rms_of(fitted.predicted), 1e-15) ** 2) + len(fitted.estimates) * math.log(numbers)
+
+
+def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]]) -> NamedForce:
+    every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
     force = missing_force(model.with_orders(measurement.orders), measurement)
     terms = tuple(t for t in regress(force, every, fitted=beside) if t.term not in model)
     if not terms:

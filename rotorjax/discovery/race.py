@@ -177,13 +177,13 @@ def _fitted(
     for effects in wanted:
         mask = contest.free(effects)
         for start in _starts(contest, effects, mask, known):
-            starts.append(start._replace(beat=beat[effects]))
+            starts.append(start._replace(beat=beat[effects], least=best))
             masks.append(mask)
             owner.append(effects)
     if not starts:
         return {}
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, starts, np.stack(masks), training, manner=manner, bar=best)
+    ends = descend(contest.space, data, starts, np.stack(masks), training, manner=manner)
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
 
