@@ -69,10 +69,9 @@ class Assembled(NamedTuple):
     offset: Vector
     """Bow."""
 
-    def motion(self, extra: Vector | None = None) -> Motion:
-        """Motion under the drive and a further force on the disk."""
-        disk = self.dynamic.solve(self.drive if extra is None else self.drive + extra)
-        return self.motion_of(disk)
+    def motion(self) -> Motion:
+        """Motion under the drive."""
+        return self.motion_of(self.dynamic.solve(self.drive))
 
     def motion_of(self, disk: Vector) -> Motion:
         """The foundation's motion beside the disk's."""

@@ -7,6 +7,10 @@ from jax import Array
 
 from rotorjax.model import BALANCE_GRADE, Family, Instant, Plan, RestoringEffect, WaveformEffect, parameter
 
+AROUND = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+"""Forces that depend on amplitude need several amplitudes, on both sides of the resonance."""
+ONCE_AND_TWICE = Plan(orders=(1.0, 2.0), speeds=(0.35, 0.5, 0.7, 0.9, 1.1, 1.4))
+"""What turns with the shaft shows once and twice per turn, twice most of all at half the natural frequency."""
 STICTION_SPEED = 0.01 * BALANCE_GRADE
 """Speed over which Coulomb friction changes its sign [m/s]: a hundredth of a speed of vibration that is usual."""
 TINY = 1e-15
@@ -26,6 +30,12 @@ def beyond_gap(radius: Array, inverse_gap: Array) -> Array:
     return jnp.where(touching, radius - 1.0 / jnp.where(touching, inverse_gap, 1.0), 0.0)
 
 
+def pressed(instant: Instant, stiffness: Array, inverse_gap: Array) -> Array:
+    """k max(r - gap, 0)/r: the force that presses beyond a gap, over the radius."""
+    radius = length(instant.position)
+    return stiffness * beyond_gap(radius, inverse_gap) / radius
+
+
 class Duffing(RestoringEffect):
     """f = k_3 r² (x, y), r the deflection of the shaft: its stiffness grows (or falls, k_3 < 0) with amplitude."""
 
@@ -34,7 +44,7 @@ class Duffing(RestoringEffect):
     meaning: ClassVar[str] = "shaft or support stiffens with amplitude (softens where negative)"
     source: ClassVar[str] = "Ishida, Yamamoto, Linear and Nonlinear Rotordynamics, 2nd edition, 2012, section 6.2"
     relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "speed_dependent_stiffness")
-    sufficient: ClassVar[Plan] = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+    sufficient: ClassVar[Plan] = AROUND
     cubic_n_per_m3: Array = parameter("cubic stiffness k_3", scale=1e-3, of="cubic")
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"cubic_n_per_m3": 0.3}, {"cubic_n_per_m3": -0.3})
 
@@ -50,15 +60,14 @@ class Clearance(RestoringEffect):
     meaning: ClassVar[str] = "play: beyond a gap the shaft meets a further support, without friction"
     source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Ishida, Yamamoto 2012, section 6.2"
     relatives: ClassVar[tuple[str, ...]] = ("rub", "duffing")
-    sufficient: ClassVar[Plan] = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+    sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("contact stiffness k_c", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES)
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
 
     def force(self, instant: Instant) -> Array:
-        radius = length(instant.position)
-        return self.stiffness_n_per_m * beyond_gap(radius, self.inverse_gap_per_m) / radius * instant.position
+        return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * instant.position
 
 
 class Rub(RestoringEffect):
@@ -69,7 +78,7 @@ class Rub(RestoringEffect):
     meaning: ClassVar[str] = "the rotor touches the stator beyond a gap and is braked by friction, which drives it backward"
     source: ClassVar[str] = "Muszynska, Rotordynamics, 2005, chapter 5; Choy, Padovan 1987, J. Sound Vib. 113:529-545"
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "cross_coupling")
-    sufficient: ClassVar[Plan] = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+    sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("contact stiffness k_c", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
     friction: Array = parameter("coefficient of friction μ", scale=0.2)
@@ -79,10 +88,9 @@ class Rub(RestoringEffect):
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
 
     def force(self, instant: Instant) -> Array:
-        radius = length(instant.position)
         x, y = instant.position[0], instant.position[1]
         drag = self.friction * instant.rotor.spin
-        return self.stiffness_n_per_m * beyond_gap(radius, self.inverse_gap_per_m) / radius * jnp.stack([x - drag * y, y + drag * x])
+        return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * jnp.stack([x - drag * y, y + drag * x])
 
 
 class Crack(RestoringEffect):
@@ -93,7 +101,7 @@ class Crack(RestoringEffect):
     meaning: ClassVar[str] = "a transverse crack that opens below and closes above: less stiff across it, once and twice per turn"
     source: ClassVar[str] = "Mayes, Davies 1984, J. Vib. Acoust. Stress Reliab. 106(1):139-145; Gasch 1993, J. Sound Vib. 160(2):313-332"
     relatives: ClassVar[tuple[str, ...]] = ("asymmetric_shaft", "residual_bow", "misalignment")
-    sufficient: ClassVar[Plan] = Plan(orders=(1.0, 2.0), speeds=(0.35, 0.5, 0.7, 0.9, 1.1, 1.4))
+    sufficient: ClassVar[Plan] = ONCE_AND_TWICE
     loss_x_n_per_m: Array = parameter("loss of stiffness Δk times the cosine of the crack's angle", scale=0.05, of="stiffness")
     loss_y_n_per_m: Array = parameter("loss of stiffness Δk times the sine of the crack's angle", scale=0.05, of="stiffness")
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
@@ -116,7 +124,7 @@ class AsymmetricShaft(RestoringEffect):
     meaning: ClassVar[str] = "two unequal bending stiffnesses turn with the shaft (keyway, two-pole rotor); weight then excites 2X"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3"
     relatives: ClassVar[tuple[str, ...]] = ("crack", "misalignment")
-    sufficient: ClassVar[Plan] = Plan(orders=(1.0, 2.0), speeds=(0.35, 0.5, 0.7, 0.9, 1.1, 1.4))
+    sufficient: ClassVar[Plan] = ONCE_AND_TWICE
     difference_x_n_per_m: Array = parameter("half difference Δk times cos 2β", scale=0.02, of="stiffness")
     difference_y_n_per_m: Array = parameter("half difference Δk times sin 2β", scale=0.02, of="stiffness")
 
@@ -134,7 +142,7 @@ class QuadraticDamping(RestoringEffect):
     meaning: ClassVar[str] = "drag that grows with the square of the speed of vibration (turbulent fluid, squeeze film)"
     source: ClassVar[str] = "Rao, Mechanical Vibrations, section 3.10 (quadratic damping)"
     relatives: ClassVar[tuple[str, ...]] = ("damping_error", "coulomb_friction")
-    sufficient: ClassVar[Plan] = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+    sufficient: ClassVar[Plan] = AROUND
     damping_n_s2_per_m2: Array = parameter("drag c_2", scale=0.3, of="drag")
 
     def force(self, instant: Instant) -> Array:
@@ -149,7 +157,7 @@ class CoulombFriction(RestoringEffect):
     meaning: ClassVar[str] = "dry friction in seats, dampers or couplings: the smaller the vibration, the more it damps"
     source: ClassVar[str] = "Rao, Mechanical Vibrations, section 3.9; regularised: Andersson et al. 2007, Tribol. Int. 40:580-587"
     relatives: ClassVar[tuple[str, ...]] = ("damping_error", "quadratic_damping")
-    sufficient: ClassVar[Plan] = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+    sufficient: ClassVar[Plan] = AROUND
     force_n: Array = parameter("friction force F_c", scale=1.0, of="damping_force")
 
     def force(self, instant: Instant) -> Array:
@@ -164,7 +172,7 @@ class ProbeSaturation(WaveformEffect):
     meaning: ClassVar[str] = "a probe near the end of its range flattens large amplitudes"
     source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1: linear range"
     relatives: ClassVar[tuple[str, ...]] = ("probe_gain", "duffing")
-    sufficient: ClassVar[Plan] = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
+    sufficient: ClassVar[Plan] = AROUND
     inverse_limit_per_m: Array = parameter("one over the limit h", scale=0.1, of="curvature")
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"inverse_limit_per_m": share} for share in (0.25, 0.5, 1.0))
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_limit_per_m",)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from rotorjax.effects.restoring import GAP_SHARES, STICTION_SPEED, beyond_gap
+from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap
 from rotorjax.model import (
     AbstractRotor,
     Effect,
@@ -33,9 +33,8 @@ from rotorjax.model import (
     parameter,
 )
 
-AROUND = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
-"""Forces that depend on amplitude need several, on both sides of the resonance."""
-TWICE = Plan(orders=(0.0, 1.0, 2.0, 3.0), speeds=(0.35, 0.5, 0.7, 0.9, 1.1, 1.4))
+TWICE = ONCE_AND_TWICE._replace(orders=(0.0, 1.0, 2.0, 3.0))
+"""With the mean, where a constant force acts, and 3X, where a pulsating stiffness does."""
 LEAST_LENGTH = 1e-15
 """Smooths |x| at zero [m], and |v| [m/s]."""
 
@@ -45,8 +44,11 @@ def size(value: Array) -> Array:
     return jnp.sqrt(value**2 + LEAST_LENGTH**2)
 
 
-class AxisForce(RestoringEffect):
-    """A force along one axis that depends on displacement and velocity along it and on the shaft angle."""
+class AxisForce(Effect):
+    """A force along one axis. The texts of a shape say {a} for the axis and {rate} for the velocity along it: see `along`."""
+
+    words: ClassVar[str]
+    """What people call it, in a few words."""
 
     @abc.abstractmethod
     def axis(self) -> int:
@@ -54,25 +56,17 @@ class AxisForce(RestoringEffect):
 
     def placed(self, value: Array) -> Array:
         """The pair that has this value along the axis."""
-        return jnp.stack([value, jnp.zeros_like(value)] if self.axis() == 0 else [jnp.zeros_like(value), value])
+        zero = jnp.zeros_like(value)
+        return jnp.stack([value, zero] if self.axis() == 0 else [zero, value])
 
 
-class AxisPush(ExcitationEffect):
-    """A force along one axis that depends on the shaft angle only."""
+class Cubic(AxisForce, RestoringEffect):
+    """k {a}³ along {a}: stiffens with amplitude (softens where k < 0)."""
 
-    @abc.abstractmethod
-    def axis(self) -> int:
-        """0 for x, 1 for y."""
-
-    def placed(self, value: Array) -> Array:
-        """The pair that has this value along the axis."""
-        return jnp.stack([value, jnp.zeros_like(value)] if self.axis() == 0 else [jnp.zeros_like(value), value])
-
-
-class Cubic(AxisForce):
-    """k x³ along one axis: stiffens with amplitude (softens where k < 0)."""
-
+    name: ClassVar[str] = "term_cubic_{a}"
     family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "a spring along {a} that stiffens with the cube of displacement (softens where negative)"
+    words: ClassVar[str] = "cubic in {a}"
     source: ClassVar[str] = "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 4.1"
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "stiffness_error")
     sufficient: ClassVar[Plan] = AROUND
@@ -83,30 +77,13 @@ class Cubic(AxisForce):
         return self.placed(self.cubic_n_per_m3 * instant.position[self.axis()] ** 3)
 
 
-class CubicX(Cubic):
-    """k x³ along x."""
+class Square(AxisForce, RestoringEffect):
+    """k̄ κ |{a}| {a} along {a}, k̄ the mean stiffness: the stiffness grows in proportion to the size of displacement."""
 
-    name: ClassVar[str] = "term_cubic_x"
-    meaning: ClassVar[str] = "a spring along x that stiffens with the cube of displacement (softens where negative)"
-
-    def axis(self) -> int:
-        return 0
-
-
-class CubicY(Cubic):
-    """k y³ along y."""
-
-    name: ClassVar[str] = "term_cubic_y"
-    meaning: ClassVar[str] = "a spring along y that stiffens with the cube of displacement (softens where negative)"
-
-    def axis(self) -> int:
-        return 1
-
-
-class Square(AxisForce):
-    """k̄ κ |x| x along one axis, k̄ the mean stiffness: the stiffness grows in proportion to the size of displacement."""
-
+    name: ClassVar[str] = "term_square_{a}"
     family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "a spring along {a} whose force grows with the square of displacement, on either side"
+    words: ClassVar[str] = "growing with the square of {a}, on either side"
     source: ClassVar[str] = "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 2.3"
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "clearance")
     sufficient: ClassVar[Plan] = AROUND
@@ -118,30 +95,13 @@ class Square(AxisForce):
         return self.placed(jnp.mean(instant.rotor.stiffness) * self.growth_per_m * size(at) * at)
 
 
-class SquareX(Square):
-    """k̄ κ |x| x along x."""
+class DeadBand(AxisForce, RestoringEffect):
+    """k sign({a}) max(|{a}| - gap, 0) along {a}: a stop on either side at the end of a gap."""
 
-    name: ClassVar[str] = "term_square_x"
-    meaning: ClassVar[str] = "a spring along x whose force grows with the square of displacement, on either side"
-
-    def axis(self) -> int:
-        return 0
-
-
-class SquareY(Square):
-    """k̄ κ |y| y along y."""
-
-    name: ClassVar[str] = "term_square_y"
-    meaning: ClassVar[str] = "a spring along y whose force grows with the square of displacement, on either side"
-
-    def axis(self) -> int:
-        return 1
-
-
-class DeadBand(AxisForce):
-    """k sign(x) max(|x| - gap, 0) along one axis: a stop on either side at the end of a gap."""
-
+    name: ClassVar[str] = "term_dead_band_{a}"
     family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "a stop along {a} on either side, reached at the end of a gap"
+    words: ClassVar[str] = "dead band along {a}"
     source: ClassVar[str] = "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 2.3; Ehrich, Handbook of Rotordynamics, 1992, section 1.8"
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "rub", "duffing")
     sufficient: ClassVar[Plan] = AROUND
@@ -155,30 +115,13 @@ class DeadBand(AxisForce):
         return self.placed(self.stiffness_n_per_m * jnp.sign(at) * beyond_gap(jnp.abs(at), self.inverse_gap_per_m))
 
 
-class DeadBandX(DeadBand):
-    """k sign(x) max(|x| - gap, 0) along x."""
+class AxisQuadraticDamping(AxisForce, RestoringEffect):
+    """c |{rate}| {rate} along {a}."""
 
-    name: ClassVar[str] = "term_dead_band_x"
-    meaning: ClassVar[str] = "a stop along x on either side, reached at the end of a gap"
-
-    def axis(self) -> int:
-        return 0
-
-
-class DeadBandY(DeadBand):
-    """k sign(y) max(|y| - gap, 0) along y."""
-
-    name: ClassVar[str] = "term_dead_band_y"
-    meaning: ClassVar[str] = "a stop along y on either side, reached at the end of a gap"
-
-    def axis(self) -> int:
-        return 1
-
-
-class AxisQuadraticDamping(AxisForce):
-    """c |ẋ| ẋ along one axis."""
-
+    name: ClassVar[str] = "term_quadratic_damping_{a}"
     family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "drag along {a} that grows with the square of velocity"
+    words: ClassVar[str] = "quadratic damping along {a}"
     source: ClassVar[str] = "Rao, Mechanical Vibrations, 5th edition, 2011, section 3.10"
     relatives: ClassVar[tuple[str, ...]] = ("quadratic_damping", "damping_error")
     sufficient: ClassVar[Plan] = AROUND
@@ -189,30 +132,13 @@ class AxisQuadraticDamping(AxisForce):
         return self.placed(self.damping_n_s2_per_m2 * size(rate) * rate)
 
 
-class AxisQuadraticDampingX(AxisQuadraticDamping):
-    """c |ẋ| ẋ along x."""
+class AxisDryFriction(AxisForce, RestoringEffect):
+    """F {rate}/sqrt({rate}² + v²) along {a}, v = 6.3e-5 m/s: dry friction, its change of sign spread over a small speed."""
 
-    name: ClassVar[str] = "term_quadratic_damping_x"
-    meaning: ClassVar[str] = "drag along x that grows with the square of velocity"
-
-    def axis(self) -> int:
-        return 0
-
-
-class AxisQuadraticDampingY(AxisQuadraticDamping):
-    """c |ẏ| ẏ along y."""
-
-    name: ClassVar[str] = "term_quadratic_damping_y"
-    meaning: ClassVar[str] = "drag along y that grows with the square of velocity"
-
-    def axis(self) -> int:
-        return 1
-
-
-class AxisDryFriction(AxisForce):
-    """F ẋ/sqrt(ẋ² + v²) along one axis, v = 6.3e-5 m/s: dry friction, its change of sign spread over a small speed."""
-
+    name: ClassVar[str] = "term_dry_friction_{a}"
     family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "dry friction along {a}: the smaller the vibration, the more it damps"
+    words: ClassVar[str] = "dry friction along {a}"
     source: ClassVar[str] = "Rao, Mechanical Vibrations, 5th edition, 2011, section 3.9; Andersson et al. 2007, Tribol. Int. 40:580-587"
     relatives: ClassVar[tuple[str, ...]] = ("coulomb_friction", "damping_error")
     sufficient: ClassVar[Plan] = AROUND
@@ -223,30 +149,13 @@ class AxisDryFriction(AxisForce):
         return self.placed(self.force_n * rate / jnp.sqrt(rate**2 + STICTION_SPEED**2))
 
 
-class AxisDryFrictionX(AxisDryFriction):
-    """F ẋ/sqrt(ẋ² + v²) along x, v = 6.3e-5 m/s."""
+class TurningStiffness(AxisForce, RestoringEffect):
+    """(a cos 2φ + b sin 2φ) {a} along {a}, φ the shaft angle."""
 
-    name: ClassVar[str] = "term_dry_friction_x"
-    meaning: ClassVar[str] = "dry friction along x: the smaller the vibration, the more it damps"
-
-    def axis(self) -> int:
-        return 0
-
-
-class AxisDryFrictionY(AxisDryFriction):
-    """F ẏ/sqrt(ẏ² + v²) along y, v = 6.3e-5 m/s."""
-
-    name: ClassVar[str] = "term_dry_friction_y"
-    meaning: ClassVar[str] = "dry friction along y: the smaller the vibration, the more it damps"
-
-    def axis(self) -> int:
-        return 1
-
-
-class TurningStiffness(AxisForce):
-    """(a cos 2φ + b sin 2φ) x along one axis, φ the shaft angle."""
-
+    name: ClassVar[str] = "term_turning_stiffness_{a}"
     family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "stiffness along {a} that pulsates twice per turn"
+    words: ClassVar[str] = "stiffness along {a} that pulsates twice per turn"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3; Nayfeh, Mook 1979, section 5.1"
     relatives: ClassVar[tuple[str, ...]] = ("asymmetric_shaft", "crack")
     sufficient: ClassVar[Plan] = TWICE
@@ -259,30 +168,13 @@ class TurningStiffness(AxisForce):
         return self.placed(pulse * instant.position[self.axis()])
 
 
-class TurningStiffnessX(TurningStiffness):
-    """(a cos 2φ + b sin 2φ) x along x."""
+class Steady(AxisForce, ExcitationEffect):
+    """F_0 along {a}, constant."""
 
-    name: ClassVar[str] = "term_turning_stiffness_x"
-    meaning: ClassVar[str] = "stiffness along x that pulsates twice per turn"
-
-    def axis(self) -> int:
-        return 0
-
-
-class TurningStiffnessY(TurningStiffness):
-    """(a cos 2φ + b sin 2φ) y along y."""
-
-    name: ClassVar[str] = "term_turning_stiffness_y"
-    meaning: ClassVar[str] = "stiffness along y that pulsates twice per turn"
-
-    def axis(self) -> int:
-        return 1
-
-
-class Steady(AxisPush):
-    """F_0 along one axis, constant."""
-
+    name: ClassVar[str] = "term_steady_{a}"
     family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "a constant force along {a}: belt, gear mesh, wrong weight"
+    words: ClassVar[str] = "constant along {a}"
     source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8 (side loads)"
     relatives: ClassVar[tuple[str, ...]] = ("misalignment",)
     sufficient: ClassVar[Plan] = TWICE
@@ -292,30 +184,13 @@ class Steady(AxisPush):
         return Excitation(force=point.at_order(0.0) * self.placed(self.force_n) + 0j)
 
 
-class SteadyX(Steady):
-    """F_0 along x."""
+class Pulsating(AxisForce, ExcitationEffect):
+    """a cos φ + b sin φ along {a}, φ the shaft angle: F_1 = a - ib, its direction fixed in space."""
 
-    name: ClassVar[str] = "term_steady_x"
-    meaning: ClassVar[str] = "a constant force along x: belt, gear mesh, wrong weight"
-
-    def axis(self) -> int:
-        return 0
-
-
-class SteadyY(Steady):
-    """F_0 along y."""
-
-    name: ClassVar[str] = "term_steady_y"
-    meaning: ClassVar[str] = "a constant force along y: belt, gear mesh, wrong weight"
-
-    def axis(self) -> int:
-        return 1
-
-
-class Pulsating(AxisPush):
-    """a cos φ + b sin φ along one axis, φ the shaft angle: F_1 = a - ib, its direction fixed in space."""
-
+    name: ClassVar[str] = "term_pulsating_{a}"
     family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "a force along {a}, fixed in direction, that pulsates once per turn"
+    words: ClassVar[str] = "constant direction along {a}, once per turn"
     source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Genta, Dynamics of Rotating Systems, 2005, section 2.3"
     relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "misalignment")
     sufficient: ClassVar[Plan] = Plan()
@@ -327,30 +202,13 @@ class Pulsating(AxisPush):
         return Excitation(force=point.at_order(1.0) * amplitude)
 
 
-class PulsatingX(Pulsating):
-    """a cos φ + b sin φ along x."""
+class PulsatingTwice(AxisForce, ExcitationEffect):
+    """a cos 2φ + b sin 2φ along {a}: F_2 = a - ib."""
 
-    name: ClassVar[str] = "term_pulsating_x"
-    meaning: ClassVar[str] = "a force along x, fixed in direction, that pulsates once per turn"
-
-    def axis(self) -> int:
-        return 0
-
-
-class PulsatingY(Pulsating):
-    """a cos φ + b sin φ along y."""
-
-    name: ClassVar[str] = "term_pulsating_y"
-    meaning: ClassVar[str] = "a force along y, fixed in direction, that pulsates once per turn"
-
-    def axis(self) -> int:
-        return 1
-
-
-class PulsatingTwice(AxisPush):
-    """a cos 2φ + b sin 2φ along one axis: F_2 = a - ib."""
-
+    name: ClassVar[str] = "term_pulsating_twice_{a}"
     family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "a force along {a}, fixed in direction, that pulsates twice per turn"
+    words: ClassVar[str] = "constant direction along {a}, twice per turn"
     source: ClassVar[str] = "Gibbons, 5th Turbomachinery Symp. (1976) 111-116"
     relatives: ClassVar[tuple[str, ...]] = ("misalignment",)
     sufficient: ClassVar[Plan] = TWICE
@@ -362,48 +220,31 @@ class PulsatingTwice(AxisPush):
         return Excitation(force=point.at_order(2.0) * amplitude)
 
 
-class PulsatingTwiceX(PulsatingTwice):
-    """a cos 2φ + b sin 2φ along x."""
+def along(axis: int, shape: type[AxisForce]) -> type[AxisForce]:
+    """The class of a shape along x (axis 0) or y (axis 1), with that axis in its name and texts."""
 
-    name: ClassVar[str] = "term_pulsating_twice_x"
-    meaning: ClassVar[str] = "a force along x, fixed in direction, that pulsates twice per turn"
+    def said(text: str) -> str:
+        return text.format(a="xy"[axis], rate="ẋẏ"[axis])
 
-    def axis(self) -> int:
-        return 0
+    class Along(shape):
+        __doc__ = said(shape.__doc__ or "")
+        name: ClassVar[str] = said(shape.name)
+        meaning: ClassVar[str] = said(shape.meaning)
+        words: ClassVar[str] = said(shape.words)
+
+        def axis(self) -> int:
+            return axis
+
+    Along.__name__ = Along.__qualname__ = shape.__name__ + "XY"[axis]
+    return Along
 
 
-class PulsatingTwiceY(PulsatingTwice):
-    """a cos 2φ + b sin 2φ along y."""
+_SHAPES = (Cubic, Square, DeadBand, AxisQuadraticDamping, AxisDryFriction, TurningStiffness, Steady, Pulsating, PulsatingTwice)
+_CLASSES = tuple(along(axis, shape) for shape in _SHAPES for axis in (0, 1))
+# Pickle finds a class by its name in the module.
+globals().update({cls.__name__: cls for cls in _CLASSES})
 
-    name: ClassVar[str] = "term_pulsating_twice_y"
-    meaning: ClassVar[str] = "a force along y, fixed in direction, that pulsates twice per turn"
-
-    def axis(self) -> int:
-        return 1
-
-
-_CLASSES: tuple[type[Effect], ...] = (
-    CubicX,
-    CubicY,
-    SquareX,
-    SquareY,
-    DeadBandX,
-    DeadBandY,
-    AxisQuadraticDampingX,
-    AxisQuadraticDampingY,
-    AxisDryFrictionX,
-    AxisDryFrictionY,
-    TurningStiffnessX,
-    TurningStiffnessY,
-    SteadyX,
-    SteadyY,
-    PulsatingX,
-    PulsatingY,
-    PulsatingTwiceX,
-    PulsatingTwiceY,
-)
-
-TERMS: MappingProxyType[str, type[Effect]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
+TERMS: MappingProxyType[str, type[AxisForce]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
 """Term name -> class. What the catalogue has radially (duffing, clearance, quadratic damping, friction) is not repeated."""
 
 GAPS = tuple(float(share) for share in np.linspace(0.2, 0.95, 12))
@@ -414,18 +255,6 @@ STEP = 1e-2
 """In prior scales: size at which a force is taken that is, or nearly, linear in its parameters."""
 BY_AXIS = ("stiffness_error", "damping_error", "speed_dependent_stiffness")
 """Effects whose axes are tried one by one."""
-
-_WORDS = {
-    "term_cubic": "cubic in {a}",
-    "term_square": "growing with the square of {a}, on either side",
-    "term_dead_band": "dead band along {a}",
-    "term_quadratic_damping": "quadratic damping along {a}",
-    "term_dry_friction": "dry friction along {a}",
-    "term_turning_stiffness": "stiffness along {a} that pulsates twice per turn",
-    "term_steady": "constant along {a}",
-    "term_pulsating": "constant direction along {a}, once per turn",
-    "term_pulsating_twice": "constant direction along {a}, twice per turn",
-}
 
 
 class Reach(NamedTuple):
@@ -455,8 +284,7 @@ class Shape(NamedTuple):
     @property
     def plain(self) -> str:
         """What people call it, without the gap."""
-        stem, _, axis = self.term.rpartition("_")
-        words = _WORDS[stem].format(a=axis) if stem in _WORDS else self.term.replace("_", " ")
+        words = TERMS[self.term].words if self.term in TERMS else self.term.replace("_", " ")
         keys = [key for factor in self.factors for key in factor]
         if len(keys) == 1 and keys[0][-2:] in {"_x", "_y"}:
             words = f"{words.removesuffix(' error')} along {keys[0][-1]}"
