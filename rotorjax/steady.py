@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
@@ -14,13 +15,15 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax._planar import Matrix, Vector
 from rotorjax.assembly import Assembled, Chain, Motion, assemble, point_at, true_speed
-from rotorjax.harmonic import BALANCED, NEWTON_STEPS, Balance, Coefficients, Grid, System, balance, make_grid, search, settled, to_complex, to_real
+from rotorjax.harmonic import BALANCED, NEWTON_STEPS, SMALLEST_MOTION, Balance, Coefficients, Grid, System, balance, make_grid, search, settled, to_complex, to_real
 from rotorjax.model import AbstractRotor, Conditions, Instant, Model, RestoringEffect, WaveformEffect
 
 FRACTION = ((0.2, 0.06), (0.12, -0.16))
 """Push of the lowest fraction of an order, in the size of the free motion: in neither symmetry nor phase with anything."""
 LEAST_NORM = 1e-6
 """Squared sensitivity of the probes below which a direction counts as unseen."""
+UNLIKE = 0.99
+"""An unseen direction changes as the other does, in the shape of the free motion: what is left of the price of that shape is one less this."""
 
 
 EffectOf = Callable[[Float[Array, "param"]], RestoringEffect]
@@ -92,8 +95,9 @@ def _forces(effects: tuple[EffectOf, ...], rotor: AbstractRotor) -> Forces:
     return at
 
 
-def _moments(inputs: Inputs, grid: Grid) -> Moment:
-    synthesis, rate = (jnp.asarray(m) for m in (grid.synthesis(grid.angle), grid.slope(grid.angle)))
+def _moments(inputs: Inputs, grid: Grid, angle: Float[np.ndarray, "instant"] | None = None) -> Moment:
+    at = grid.angle if angle is None else angle
+    synthesis, rate = (jnp.asarray(m) for m in (grid.synthesis(at), grid.slope(at)))
     return Moment(inputs.motion @ synthesis, inputs.speed * inputs.motion @ rate, inputs.bow @ synthesis, inputs.speed)
 
 
@@ -154,12 +158,36 @@ def _analysed(slopes: Float[Array, "dof kind dof instant"], grid: Grid) -> Float
     return jnp.einsum("ikjs,ksbc->ibjc", slopes, jnp.asarray(grid.products()[: slopes.shape[1]]))
 
 
+def _parameters(model: Model) -> tuple[tuple[Float[Array, "param"], ...], tuple[EffectOf, ...]]:
+    """Parameters of every restoring effect, and the effects made of them."""
+    flat = [ravel_pytree(effect) for effect in restoring(model)]
+    return tuple(values for values, _ in flat), tuple(effect_of for _, effect_of in flat)
+
+
+def _bow(assembled: Assembled, grid: Grid) -> Coefficients:
+    return to_real(in_space(assembled.offset) + jnp.zeros((2, len(grid.orders)), complex))
+
+
+def slopes_along(
+    model: Model, condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, *, angle: Float[np.ndarray, "instant"]
+) -> Float[Array, "dof kind dof instant"]:
+    """Derivatives of the sum of all restoring forces along a motion, by position [N/m] and by velocity [N s/m] (``kind``), at shaft angles."""
+    own, effects = _parameters(model)
+    total = _forces(effects, model.rotor)
+
+    def at(by_motion: Array, moment: Moment, phi: Array) -> Array:
+        return jnp.sum(total(own, moment._replace(position=by_motion[0], velocity=by_motion[1]), phi), axis=0)
+
+    moments = _moments(Inputs(own, condition.speed, motion, _bow(assembled, grid)), grid, angle)
+    along = jnp.stack([moments.position, moments.velocity])
+    return jax.vmap(jax.jacfwd(at), in_axes=(-1, EVERY, -1), out_axes=-1)(along, moments, jnp.asarray(angle))
+
+
 def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled: Assembled) -> System:
     """The equations of harmonic balance of one case at its true speed."""
-    flat = [ravel_pytree(effect) for effect in restoring(model)]
-    own, effects = tuple(values for values, _ in flat), tuple(effect_of for _, effect_of in flat)
+    own, effects = _parameters(model)
     whole = jnp.zeros((2, len(grid.orders)), complex)
-    compliance, drive, bow = assembled.dynamic.inverse(), to_real(in_space(assembled.drive) + whole), to_real(in_space(assembled.offset) + whole)
+    compliance, drive, bow = assembled.dynamic.inverse(), to_real(in_space(assembled.drive) + whole), _bow(assembled, grid)
 
     def moved(force: Coefficients) -> Coefficients:
         pair = to_complex(force)
@@ -173,14 +201,7 @@ def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled:
         return _force(effects, grid, Inputs(own, condition.speed, motion, bow), model.rotor)
 
     def slopes(motion: Coefficients) -> Float[Array, "dof coefficient dof coefficient"]:
-        total = _forces(effects, model.rotor)
-
-        def at(by_motion: Array, moment: Moment, angle: Array) -> Array:
-            return jnp.sum(total(own, moment._replace(position=by_motion[0], velocity=by_motion[1]), angle), axis=0)
-
-        moments = _moments(Inputs(own, condition.speed, motion, bow), grid)
-        along = jnp.stack([moments.position, moments.velocity])
-        by_motion = jax.vmap(jax.jacfwd(at), in_axes=(-1, EVERY, -1), out_axes=-1)(along, moments, jnp.asarray(grid.angle))
+        by_motion = slopes_along(model, condition, grid, assembled, motion, angle=grid.angle)
         return _analysed(by_motion * jnp.stack([jnp.ones(()), condition.speed])[None, :, None, None], grid)
 
     def brake(coefficients: Coefficients) -> Coefficients:
@@ -199,13 +220,41 @@ class Near(NamedTuple):
     """Most steps of Newton's method; with none, what the equations make of the motion near by to first order."""
 
 
+class Ready(NamedTuple):
+    """One case made ready for harmonic balance."""
+
+    model: Model
+    """With the orders of the grid."""
+    condition: Conditions
+    """At its true speed."""
+    grid: Grid
+    assembled: Assembled
+    chain: Chain
+
+    @classmethod
+    def of(cls, model: Model, condition: Conditions) -> "Ready":
+        """The case at the speed of a condition as tabulated."""
+        grid = make_grid(model.layout.orders)
+        whole = model.with_orders(grid.orders)
+        condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
+        return cls(whole, condition, grid, *by_order(whole, condition, grid))
+
+    @property
+    def system(self) -> System:
+        """The equations of harmonic balance."""
+        return restoring_system(self.model, self.condition, self.grid, self.assembled)
+
+    def shown(self, motion: Coefficients, orders: tuple[float, ...]) -> Complex[Array, "probe order"]:
+        """What the probes show of a motion, at some orders of the grid."""
+        read = _read(self.model, self.grid, self.assembled, self.chain, to_complex(motion))
+        return read[:, [self.grid.orders.index(order) for order in _on_grid(orders, self.grid)]]
+
+
 def timed_vectors(model: Model, condition: Conditions, near: Near | None = None) -> tuple[Complex[Array, "probe order"], Balance]:
     """Vectors of one case by harmonic balance, and the balance itself; without ``near`` after a search."""
-    grid = make_grid(model.layout.orders)
-    whole = model.with_orders(grid.orders)
-    condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
-    assembled, chain = by_order(whole, condition, grid)
-    system = restoring_system(whole, condition, grid, assembled)
+    ready = Ready.of(model, condition)
+    whole, condition, grid, assembled, _ = ready
+    system = ready.system
     if not restoring(model):
         found = Balance(system.free, jnp.asarray(BALANCED))
     else:
@@ -215,8 +264,7 @@ def timed_vectors(model: Model, condition: Conditions, near: Near | None = None)
         else:
             start = jnp.where(jnp.all(jnp.isfinite(near.motion)), near.motion, frozen.free)
             found = balance(system, frozen, jax.lax.stop_gradient(start), near.steps)
-    amplitudes = to_complex(found.coefficients)
-    return _read(whole, grid, assembled, chain, amplitudes)[:, [grid.orders.index(order) for order in _on_grid(model.layout.orders, grid)]], found
+    return ready.shown(found.coefficients, model.layout.orders), found
 
 
 def _with_fractions(system: System, grid: Grid, motion: Coefficients) -> Coefficients:
@@ -247,7 +295,7 @@ def _read(model: Model, grid: Grid, assembled: Assembled, chain: Chain, amplitud
 
 
 def measured_motion(model: Model, condition: Conditions, shown: Complex[Array, "probe order"], present: Bool[Array, "probe order"]) -> Coefficients:
-    """The motion of the linear rotor, put right as little as possible to show at every order what was measured.
+    """The motion of the linear rotor, put right as little as possible, and most in its own shape, to show at every order what was measured.
 
     **Arguments:** ``shown``: measured vectors, whatever stands where they are not ``present``.
     """
@@ -262,7 +310,9 @@ def measured_motion(model: Model, condition: Conditions, shown: Complex[Array, "
         along = [link.sensed(whole.probes, part.motion_of(unit)) - rest for unit in (Vector(1.0, 0.0), Vector(0.0, 1.0))]
         seen = jnp.stack(along, axis=1) * counted[:, None]
         miss = (vectors / link.turn - link.sensed(whole.probes, free)) * counted
-        normal = seen.conj().T @ seen + LEAST_NORM * jnp.eye(2)
+        own = jnp.stack([free.disk.x, free.disk.y])
+        alike = jnp.outer(own, own.conj()) / jnp.maximum(jnp.sum(jnp.abs(own) ** 2), SMALLEST_MOTION**2)
+        normal = seen.conj().T @ seen + LEAST_NORM * (jnp.eye(2) - UNLIKE * alike)
         step = Matrix.of(normal).solve(Vector.of(seen.conj().T @ miss))
         return jnp.stack([free.disk.x + step.x, free.disk.y + step.y])
 
