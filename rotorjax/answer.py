@@ -172,8 +172,22 @@ def notes(found: Explanation) -> list[str]:
             f"What is left is only {number(100.0 * share, 2)} % of what was measured: if sigma_um is too small, or the model's form need not be better "
             "than that ([model] tolerance), it is explained."
         )
+    lines += _orders_lacking(found)
     lines += [f"Detected, but too small to matter, and kept in the fitted model only: {small.effect} ({small.why})." for small in found.detected_but_small]
     return lines + findings(found.story)
+
+
+def _orders_lacking(found: Explanation) -> list[str]:
+    """Orders by which effects in question are told, and that were not measured."""
+    names = [*found.effects, *(name for group in found.ties.groups() for names in group for name in names)]
+    measured = set(found.story.measurement.orders) | set(found.story.undriven)
+    lines = []
+    for name in dict.fromkeys(names):
+        lacking = [order for order in found.catalog[name].sufficient.orders if order not in measured]
+        if lacking:
+            orders = listed([f"{order:g}X" for order in lacking])
+            lines.append(f"{name} is told by {orders} too, which these data do not hold: measure that order, and the answer is surer.")
+    return lines
 
 
 def _same_bow(found: Explanation) -> list[str]:

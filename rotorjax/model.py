@@ -221,6 +221,10 @@ class Effect(eqx.Module):
         """The parameters' values in SI, in the order of `parameters`."""
         return tuple(getattr(self, p.name) for p in self.parameters())
 
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        """Why these values cannot be on this rotor, in a few words after the effect's name; none where nothing speaks against them."""
+        return None
+
     def sized(self, layout: Layout) -> "Effect":
         """The same effect with every parameter at the shape that the layout gives it.
 

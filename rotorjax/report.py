@@ -170,6 +170,7 @@ def findings(story: Story) -> list[str]:
     if story.undriven:
         names = ", ".join(f"{order:g}X" for order in story.undriven)
         lines.append(f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without effects shows them.")
+    lines += [f"{e.name} {why}." for e in story.final_model.effects if (why := e.objection(story.model.rotor)) is not None]
     for name in dict.fromkeys(story.additions):
         lines += _rival_lines(name, [r for r in story.rivals if r.effect == name], story)
     if tangled := story.correlated():

@@ -8,7 +8,7 @@ import numpy as np
 from rotorjax._core import MICROMETRE
 from rotorjax.errors import InputError
 from rotorjax.io.rig import Rig
-from rotorjax.measurement import Measurement, Row, arrange
+from rotorjax.measurement import Measurement, Row, arrange, require_steady
 from rotorjax.model import Model
 from rotorjax.response import response
 
@@ -50,6 +50,7 @@ def noisy(model: Model, plan: Measurement, *, noise_um: float, seed: int) -> Mea
     plan with vectors; its sigma is the noise, or absent where there is none.
     """
     vectors = np.asarray(response(model.with_orders(plan.orders), plan.conditions))
+    require_steady(vectors, plan)
     parts = np.asarray(jax.random.normal(jax.random.key(seed), (*vectors.shape, 2)))
     noise = MICROMETRE * noise_um * (parts[..., 0] + 1j * parts[..., 1])
     noise[:, :, np.array(plan.orders) == 0.0] = noise[:, :, np.array(plan.orders) == 0.0].real

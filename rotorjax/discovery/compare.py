@@ -8,7 +8,7 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax._core import MICROMETRE
 from rotorjax.discovery.noise import reduced_chi2
-from rotorjax.measurement import Measurement, is_half_order
+from rotorjax.measurement import Measurement, is_half_order, require_steady
 from rotorjax.model import AbstractRotor, Model
 from rotorjax.response import response
 
@@ -113,6 +113,7 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
     if full.layout.probes != measurement.probes:
         raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
     predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
+    require_steady(predicted, measurement)
     return compare_vectors(predicted, measurement, full.with_orders(measurement.orders))
 
 

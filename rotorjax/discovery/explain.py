@@ -64,6 +64,8 @@ class Explanation:
     """What the answer leaves beside the table's noise."""
     contest: Contest
     max_effects: int
+    catalog: Mapping[str, type[Effect]]
+    """What might have been missing."""
     named_force: NamedForce | None
     """The force that is missing, where the verdict is "unexplained" and that was to be looked into."""
 
@@ -182,6 +184,7 @@ def _answer(
         noise=noise,
         contest=contest,
         max_effects=selection.most,
+        catalog=catalog,
         named_force=named,
     )
 

@@ -5,7 +5,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model import BALANCE_GRADE, Family, Instant, Plan, RestoringEffect, WaveformEffect, parameter
+from rotorjax._core import MICROMETRE
+from rotorjax.model import BALANCE_GRADE, AbstractRotor, Family, Instant, Plan, RestoringEffect, WaveformEffect, parameter
 
 AROUND = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
 """Forces that depend on amplitude need several amplitudes, on both sides of the resonance."""
@@ -34,6 +35,17 @@ def pressed(instant: Instant, stiffness: Array, inverse_gap: Array) -> Array:
     """k max(r - gap, 0)/r: the force that presses beyond a gap, over the radius."""
     radius = length(instant.position)
     return stiffness * beyond_gap(radius, inverse_gap) / radius
+
+
+def stop_objection(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
+    """What speaks against a stop: it pulls, or the rotor at rest lies in it."""
+    sag = float(rotor.mass * jnp.hypot(rotor.gravity[0], rotor.gravity[1]) / jnp.mean(rotor.stiffness))
+    if float(stiffness) < 0.0:
+        return "has a negative stiffness: a stop that pulls"
+    if float(stiffness) > 0.0 and float(inverse_gap) * sag > 1.0:
+        gap, sag = 1.0 / (float(inverse_gap) * MICROMETRE), sag / MICROMETRE
+        return f"has a gap of {gap:.3g} µm, less than the {sag:.3g} µm by which the weight bends the shaft: the rotor lies in it even at rest"
+    return None
 
 
 class Duffing(RestoringEffect):
@@ -69,6 +81,9 @@ class Clearance(RestoringEffect):
     def force(self, instant: Instant) -> Array:
         return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * instant.position
 
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return stop_objection(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
+
 
 class Rub(RestoringEffect):
     """f = k_c max(r - gap, 0) [(x, y) + μ (-y, x)]/r for a shaft from x to y: friction against the moving surface."""
@@ -91,6 +106,9 @@ class Rub(RestoringEffect):
         x, y = instant.position[0], instant.position[1]
         drag = self.friction * instant.rotor.spin
         return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * jnp.stack([x - drag * y, y + drag * x])
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return stop_objection(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
 
 
 class Crack(RestoringEffect):
@@ -115,6 +133,10 @@ class Crack(RestoringEffect):
         open_share = 0.5 * (1.0 + jnp.sum(across * instant.down))
         return -loss * open_share * jnp.sum(across * instant.deflection) * across
 
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        loss, least = float(jnp.hypot(self.loss_x_n_per_m, self.loss_y_n_per_m)), float(jnp.min(rotor.stiffness))
+        return f"takes {loss:.3g} N/m, more than the {least:.3g} N/m that the shaft has: deeper than the shaft" if loss > least else None
+
 
 class AsymmetricShaft(RestoringEffect):
     """f = Δk [[cos 2ψ, sin 2ψ], [sin 2ψ, -cos 2ψ]] q, ψ = φ + β: stiffer along β, softer across, turning with the shaft."""
@@ -132,6 +154,10 @@ class AsymmetricShaft(RestoringEffect):
         x, y = instant.deflection[0], instant.deflection[1]
         turned = instant.turning(jnp.stack([self.difference_x_n_per_m, self.difference_y_n_per_m]), times=2.0)
         return jnp.stack([turned[0] * x + turned[1] * y, turned[1] * x - turned[0] * y])
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        loss, least = float(jnp.hypot(self.difference_x_n_per_m, self.difference_y_n_per_m)), float(jnp.min(rotor.stiffness))
+        return f"takes {loss:.3g} N/m on its soft side, more than the {least:.3g} N/m that the shaft has" if loss > least else None
 
 
 class QuadraticDamping(RestoringEffect):

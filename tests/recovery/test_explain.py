@@ -3,8 +3,6 @@
 import dataclasses
 import json
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -18,6 +16,7 @@ from rotorjax.model import RestoringEffect, WaveformEffect
 
 import hidden
 import hidden_forces
+from poor_data import cut
 
 
 def names_open(found: Explanation) -> set[str]:
@@ -90,24 +89,6 @@ def test_two_measurements_of_one_size_compile_once(monkeypatch):
     renamed = dataclasses.replace(other, layout=other.layout._replace(probes=("left", "right")))
     explain(renamed, dataclasses.replace(second, runs=("first", "second"), probes=("left", "right")), thorough=False)
     assert not traced
-
-
-def cut(measurement, cases: list[int], *, probe: int | None = None):
-    """Some cases of a measurement, of all probes but one."""
-    present = measurement.present[cases].copy()
-    if probe is not None:
-        present[:, probe] = False
-    used = sorted(set(measurement.run[cases].tolist()))
-    return dataclasses.replace(
-        measurement,
-        runs=tuple(measurement.runs[k] for k in used),
-        run=np.array([used.index(k) for k in measurement.run[cases]]),
-        repeat=("",) * len(cases),
-        conditions=jax.tree.map(lambda values: values[jnp.array(cases)], measurement.conditions),
-        vectors=np.where(present, measurement.vectors[cases], 0.0),
-        present=present,
-        sigma=measurement.sigma[cases],
-    )
 
 
 POOR = {

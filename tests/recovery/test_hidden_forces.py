@@ -1,0 +1,95 @@
+"""Forces that depend on motion beside something else: two at once, an uncertain rig, unknown noise, a probe, runs or speeds that are missing."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rotorjax import Jeffcott, Knowledge, Layout, Measurement, Model, effects, explain
+from rotorjax.answer import notes
+from rotorjax.measurement import Uncertain
+
+import hidden_forces
+import nonlinear_oracle as in_time
+from hidden import Plan
+from poor_data import cut
+
+MACHINE = hidden_forces.MACHINE
+ROTOR = Jeffcott(MACHINE.mass, list(MACHINE.stiffness), list(MACHINE.ratio))
+NO_WEIGHT = (0.0, 0.0)
+PLAN = effects.Duffing.sufficient
+
+
+def size(cls) -> float:
+    """One prior scale of an effect's first parameter."""
+    return cls.parameters()[0].prior_scale(ROTOR)
+
+
+CUBIC, DRAG, STICK = size(effects.Duffing), size(effects.QuadraticDamping), size(effects.CoulombFriction)
+
+
+def measured(*forces: in_time.Force, seed: int = 1) -> tuple[Model, Measurement]:
+    weights = ROTOR.quantities()["unbalance"] * np.array([1.0, 5.0, 5.0]) * np.exp(2.1j * np.arange(3))
+    plan = Plan({f"run{k}": [complex(w)] for k, w in enumerate(weights)}, tuple(s * MACHINE.frequency for s in PLAN.speeds), (1,), sigma=hidden_forces.SIGMA)
+    return hidden_forces.measured(forces, plan, np.random.default_rng(seed), NO_WEIGHT)
+
+
+@pytest.mark.parametrize(
+    ("forces", "expected"),
+    [
+        ((in_time.duffing(CUBIC), in_time.quadratic_damping(DRAG)), {"duffing", "quadratic_damping"}),
+        ((in_time.duffing(CUBIC), in_time.coulomb_friction(STICK)), {"duffing", "coulomb_friction"}),
+    ],
+)
+def test_two_at_once(forces, expected):
+    found = explain(*measured(*forces), thorough=False)
+    assert set(found.effects) == expected
+    assert not found.ties.tied
+    last = found.story.fits[-1]
+    assert last.reduced_chi2 == pytest.approx(1.0, abs=0.5)
+    values = {e.entry.effect: e for e in last.estimates}
+    for name, true in (("duffing", CUBIC), ("quadratic_damping", DRAG), ("coulomb_friction", STICK)):
+        if name in expected:
+            assert abs(values[name].value - true) < 5.0 * values[name].standard_error + 0.01 * true
+
+
+def test_uncertain_mass_is_estimated_along():
+    """The rig file has 3 % too little mass, and says that it may be off; its damping, from the ratio, is too small then too."""
+    _, measurement = measured(in_time.duffing(CUBIC), seed=2)
+    model = Model(Jeffcott(MACHINE.mass / 1.03, list(MACHINE.stiffness), list(MACHINE.ratio)), layout=Layout())
+    knowledge = Knowledge(uncertain=(Uncertain("mass_error", "error", 0.05, True, "mass"),))
+    found = explain(model, dataclasses.replace(measurement, knowledge=knowledge), thorough=False)
+    assert found.effects == ("duffing", "damping_error")
+    assert found.story.fits[-1].estimate("mass_error", "error").value == pytest.approx(0.03, abs=0.002)
+
+
+POOR = {
+    "unknown noise": lambda m: dataclasses.replace(m, sigma=None, noise="unknown"),
+    "one probe": lambda m: cut(m, list(range(len(m.run))), probe=1),
+    "one run": lambda m: cut(m, np.flatnonzero(m.run == 1).tolist()),
+    "one speed": lambda m: cut(m, [2, 8, 14]),
+}
+
+
+@pytest.mark.parametrize("name", POOR)
+def test_poor_data_are_solved_or_left_open(name):
+    model, measurement = measured(in_time.duffing(CUBIC))
+    found = explain(model, POOR[name](measurement), thorough=False)
+    open_names = {*found.effects, *(n for group in found.ties.groups() for names in group for n in names)}
+    assert "duffing" in open_names or found.verdict == "unexplained"
+    assert len(found.effects) == 1
+    assert found.story.fits[-1].estimate("duffing", "cubic_n_per_m3").value == pytest.approx(CUBIC, rel=0.02)
+
+
+def test_orders_that_were_not_measured_are_named():
+    """A crack is told by 2X too."""
+    model, measurement, _ = hidden_forces.sufficient(effects.Crack, seed=7)
+    first = dataclasses.replace(
+        measurement, orders=(1.0,), vectors=measurement.vectors[..., :1], present=measurement.present[..., :1], sigma=measurement.sigma[..., :1]
+    )
+    found = explain(model.with_orders((1.0,)), first, thorough=False)
+    named = {*found.effects, *(n for group in found.ties.groups() for names in group for n in names)}
+    if "crack" in named:
+        assert any("crack is told by 2X too" in line for line in notes(found))
+    else:
+        assert found.verdict == "unexplained"
