@@ -44,3 +44,5 @@ from .model import WaveformEffect as WaveformEffect
 from .model import parameter as parameter
 from .response import response as response
 from .rotor import Jeffcott as Jeffcott
+from .steady_states import SteadyStates as SteadyStates
+from .steady_states import steady_states as steady_states

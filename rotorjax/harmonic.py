@@ -29,7 +29,8 @@ SMALLEST_PART = 1.0 / 64.0
 """Of the restoring force, by which it is let in where Newton's method does not converge at once."""
 SMALLEST_MOTION = 1e-9
 """Size [m] below which a motion counts as rest when tolerances are set."""
-BALANCED, NOT_BALANCED = 0, 1
+BALANCED, NOT_BALANCED, UNSTABLE = 0, 1, 2
+"""A steady state was found; none was; one was found in which the machine does not stay."""
 
 
 class Grid(NamedTuple):

@@ -15,7 +15,21 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax._planar import Matrix, Vector
 from rotorjax.assembly import Assembled, Chain, Motion, assemble, point_at, true_speed
-from rotorjax.harmonic import BALANCED, NEWTON_STEPS, SMALLEST_MOTION, Balance, Coefficients, Grid, System, balance, make_grid, search, settled, to_complex, to_real
+from rotorjax.harmonic import (
+    BALANCED,
+    NEWTON_STEPS,
+    SMALLEST_MOTION,
+    Balance,
+    Coefficients,
+    Grid,
+    System,
+    balance,
+    make_grid,
+    search,
+    settled,
+    to_complex,
+    to_real,
+)
 from rotorjax.model import AbstractRotor, Conditions, Instant, Model, RestoringEffect, WaveformEffect
 
 FRACTION = ((0.2, 0.06), (0.12, -0.16))
@@ -267,12 +281,18 @@ def timed_vectors(model: Model, condition: Conditions, near: Near | None = None)
     return ready.shown(found.coefficients, model.layout.orders), found
 
 
+def fraction_push(system: System, grid: Grid) -> Coefficients:
+    """Motion at the lowest fraction of an order, in the size of the free motion; none where the grid has no fractions."""
+    if grid.turns == 1:
+        return jnp.zeros_like(system.free)
+    return jnp.max(jnp.abs(system.free)) * jnp.zeros_like(system.free).at[:, 1:3].set(jnp.array(FRACTION))
+
+
 def _with_fractions(system: System, grid: Grid, motion: Coefficients) -> Coefficients:
     """A motion with fractions of an order, if one is near: without a push they stay absent however unstable that is."""
     if grid.turns == 1:
         return motion
-    push = jnp.max(jnp.abs(system.free)) * jnp.zeros_like(motion).at[:, 1:3].set(jnp.array(FRACTION))
-    pushed = settled(system, motion + push)
+    pushed = settled(system, motion + fraction_push(system, grid))
     return jnp.where(jnp.all(jnp.isfinite(pushed)), pushed, motion)
 
 

@@ -34,7 +34,7 @@ LEAST_GAIN = 1.0
 """Fall of the cost below which an effect cannot be detected."""
 KEPT_RIVALS = (3, 2, 1)
 """Starts of the same fit that go on after the first leg, the second, and all later ones."""
-LEAST_UNKNOWNS, LEAST_POINTS = 4, 4
+LEAST_UNKNOWNS, LEAST_TIMED_UNKNOWNS, LEAST_POINTS = 4, 6, 4
 """Smallest sizes that are compiled: see `size_class`."""
 
 
@@ -216,7 +216,8 @@ def descend(
         if not len(chosen):
             continue
         moved = None if shift is None else shift[chosen]
-        tasks = _tasks(space, data, fixed[chosen], free[chosen], np.asarray(training, bool)[chosen], moved, manner)
+        room = manner._replace(width=max(manner.width, LEAST_TIMED_UNKNOWNS if shared else LEAST_UNKNOWNS))
+        tasks = _tasks(space, data, fixed[chosen], free[chosen], np.asarray(training, bool)[chosen], moved, room)
         group = _Group(_nameless(space), filled(data), len(data.run), manner, shift is None, shared, space.motion_shape())
         for k, end in zip(chosen.tolist(), group.descend([starts[k] for k in chosen.tolist()], tasks, least[chosen]), strict=True):
             ends[k] = end

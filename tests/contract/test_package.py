@@ -16,6 +16,7 @@ LAYERS = [
     {"assembly", "harmonic"},
     {"steady"},
     {"response"},
+    {"steady_states"},
     {"measurement", "io", "simulate", "features"},
     {"signals", "dataset", "network"},
     {"training", "compensation"},
@@ -33,6 +34,7 @@ PUBLIC = {
     "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",
     "ReadingEffect", "Rig", "Rival", "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain", "fit",
     "fit_steps", "Instant", "RestoringEffect", "WaveformEffect", "parameter", "read_measurement", "read_rig", "response", "rivals", "tell",
+    "SteadyStates", "steady_states",
 }  # fmt: skip
 
 
