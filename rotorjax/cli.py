@@ -312,6 +312,7 @@ def _simulate(options: argparse.Namespace) -> None:
         raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     _compute()
     from rotorjax.io.rig import read_measurement, read_rig
+    from rotorjax.report import objections, steady_lines
     from rotorjax.simulate import noisy, plan_like, plan_speeds
 
     rig = read_rig(options.rig)
@@ -323,9 +324,12 @@ def _simulate(options: argparse.Namespace) -> None:
     for effect in additions:
         if not any(key.startswith(f"{effect.name}.") for key in given):
             raise InputError(f"--effect {effect.name}: give its values, like {effect.name}:{effect.parameters()[0].name}=1.0")
-    made = noisy(model.plus(additions), plan, noise_um=options.noise_um, seed=options.seed)
+    full = model.plus(additions)
+    made = noisy(full, plan, noise_um=options.noise_um, seed=options.seed)
     rig.write_measurement(options.output, made)
     print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
+    for line in (*objections(full), *steady_lines(full, plan.conditions)):
+        print(line)
 
 
 def _effects(options: argparse.Namespace) -> None:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Effect, Layout, Model, effects, response
+from rotorjax import Conditions, Effect, Jeffcott, Layout, Model, effects, response
 from rotorjax.catalogue import snapshot
 from rotorjax.io.rig import effect_from_labels, read_rig
 from rotorjax.model import RestoringEffect, WaveformEffect
@@ -118,3 +118,23 @@ def test_sets_of_effects_commute(plain, conditions):
 def test_wrong_shape_names_the_entries(plain):
     with pytest.raises(ValueError, match=r"probe_angle: angle_rad has shape \(3,\); give one number, or one each for angle_rad.X, angle_rad.Y"):
         plain + effects.ProbeAngle([0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (effects.Clearance(2e4, 1e4), "the rotor lies in it even at rest"),
+        (effects.Rub(2e4, 1e4, 0.1), "the rotor lies in it even at rest"),
+        (effects.Clearance(2e4, 1e3), None),
+        (effects.Clearance(), None),
+        (effects.Clearance(-2e4, 1e3), "a stop that pulls"),
+        (effects.Crack(3e4, -5e4), "deeper than the shaft"),
+        (effects.Crack(3e4, -3e4), None),
+        (effects.AsymmetricShaft(6e4, 0.0), "on its soft side"),
+        (effects.Duffing(1e10), None),
+    ],
+)
+def test_values_that_cannot_be_are_objected_to(effect, words):
+    """A shaft that its weight bends by 178 µm."""
+    told = effect.objection(Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05], gravity=[0.0, -9.81]))
+    assert (told is None) if words is None else (words in told)

@@ -244,3 +244,22 @@ def test_explain_refuses_with_a_cure(example, capsys, option, message):
     assert run("explain", example / "measurement.csv", "--rig", example / "rig.toml", *option, "--json", example / "no.json") == 2
     assert message in capsys.readouterr().err
     assert not (example / "no.json").exists()
+
+
+def test_simulate_says_what_speaks_against_the_values(tmp_path, capsys):
+    """A stop that the weight reaches; a rotor that excites itself; a crack deeper than the shaft; a stop so near that no steady state is found."""
+    _, toml = write(tmp_path)
+    toml.write_text(toml.read_text(encoding="utf-8").replace("[rotor]", '[rotor]\ngravity = "-y"', 1), encoding="utf-8")
+    common = ("simulate", "--rig", toml, "--speeds", "500:900:2", "--output", tmp_path / "made.csv")
+    assert run(*common, "--effect", "clearance:stiffness_n_per_m=2e3,inverse_gap_per_m=1e4") == 0
+    assert "the rotor lies in it even at rest" in capsys.readouterr().out
+    assert run(*common, "--effect", "cross_coupling:cross_stiffness_n_per_m=1e5") == 0
+    assert "unstable: the machine does not stay there" in capsys.readouterr().out
+    assert run(*common, "--effect", "crack:loss_x_n_per_m=1e6,loss_y_n_per_m=0.0") == 0
+    assert "deeper than the shaft" in capsys.readouterr().out
+    _, toml = write(tmp_path)
+    (tmp_path / "made.csv").unlink()
+    fast = ("simulate", "--rig", toml, "--speeds", "3000:6000:3", "--output", tmp_path / "made.csv")
+    assert run(*fast, "--effect", "clearance:stiffness_n_per_m=1e9,inverse_gap_per_m=1e5") == 2
+    assert "no steady state that could be found for" in capsys.readouterr().err
+    assert not (tmp_path / "made.csv").exists()
