@@ -41,7 +41,11 @@ def sentence(found: Explanation) -> str:
         "undecided": [f"Undecided: {listed(found.effects)}, but others do as well.", first, _fall(found)],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
-    return " ".join([*(part for part in parts if part), *_ties(found), _left(found), *_missing_force(found)])
+    named = _missing_force(found)
+    if found.named_force is not None and found.named_force.enough:
+        # What explains all comes before what explains a part.
+        return " ".join([parts[0], *named, *(part for part in parts[1:] if part), *_ties(found), _left(found)])
+    return " ".join([*(part for part in parts if part), *_ties(found), _left(found), *named])
 
 
 def _nothing(found: Explanation) -> str:
@@ -118,7 +122,7 @@ def missing_force_table(named: NamedForce) -> Table | None:
             unit, e = unit_of(name), values.get((term.term, name))
             fitted = [number(e.value / unit.factor), number(e.standard_error / unit.factor, 2)] if e is not None else ["", ""]
             rows.append([f"{term.term}.{name}", term.words, number(value / unit.factor), *fitted, unit.shown])
-    note = "Hand a term to explain or fit by catalog=CATALOG | TERMS (rotorjax.effects.terms)."
+    note = "Add a term by `rotorjax compare --effect NAME`, or hand it to explain by catalog=CATALOG | TERMS (rotorjax.effects.terms)."
     others = sorted({words for term in named.terms for words in term.rivals})
     note += f" Nearly as well in the equation of motion: {'; '.join(others)}." if others else ""
     return Table("Terms of the missing force", ["term", "meaning", "in the equation", "in the response", "±", "unit"], rows, note)

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import NAMED
 from rotorjax.model import Effect, Parameter
 from rotorjax.tables import Table
 
@@ -58,7 +58,7 @@ def effect_page(cls: type[Effect]) -> str:
 
 def snapshot() -> dict[str, dict[str, Any]]:
     """What data/catalogue.json holds: family, meaning and page of every effect."""
-    return {name: {"family": cls.family, "meaning": cls.meaning, "page": effect_page(cls)} for name, cls in CATALOG.items()}
+    return {name: {"family": cls.family, "meaning": cls.meaning, "page": effect_page(cls)} for name, cls in NAMED.items()}
 
 
 def main() -> None:

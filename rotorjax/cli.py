@@ -243,7 +243,7 @@ def _write_json(path: Path, content: dict[str, Any]) -> None:
 
 def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], frozenset[str]]":
     """Effects from ``NAME:PARAMETER=VALUE,...`` as the command line gives them, and the keys of the values given."""
-    from rotorjax.effects import CATALOG
+    from rotorjax.effects.terms import NAMED
     from rotorjax.io.rig import effect_from_labels
     from rotorjax.io.section import nearest
 
@@ -253,10 +253,10 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
         if name in {effect.name for effect in effects}:
             problems.append(f"--effect {text}: {name} is there already; give all its values in one --effect")
             continue
-        if name not in CATALOG:
-            problems.append(f"--effect {text}: unknown effect {name!r}; {nearest(name, CATALOG)}")
+        if name not in NAMED:
+            problems.append(f"--effect {text}: unknown effect {name!r}; {nearest(name, NAMED)}")
             continue
-        labels = [label for p in CATALOG[name].parameters() for label in p.labels(model.layout)]
+        labels = [label for p in NAMED[name].parameters() for label in p.labels(model.layout)]
         given: dict[str, float] = {}
         for assignment in filter(None, assignments.split(",")):
             parameter, _, value = assignment.partition("=")
@@ -274,7 +274,7 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
                 continue
             given.update(dict.fromkeys(matching, number))
         fixed |= {f"{name}.{label}" for label in given}
-        effects.append(effect_from_labels(CATALOG[name], model.layout, _beyond(model, name, given)))
+        effects.append(effect_from_labels(NAMED[name], model.layout, _beyond(model, name, given)))
     if problems:
         raise InputError(*problems)
     return effects, frozenset(fixed)
@@ -339,8 +339,9 @@ def _effects(options: argparse.Namespace) -> None:
 
     catalogue = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
     if options.name is None:
-        rows = [[effect["family"], name, effect["meaning"]] for name, effect in catalogue.items()]
-        note = "\n`rotorjax effects NAME` shows its equation, parameters, prior scales and source."
+        rows = [[effect["family"], name, effect["meaning"]] for name, effect in catalogue.items() if not name.startswith("term_")]
+        note = "\n`rotorjax effects NAME` shows its equation, parameters, prior scales and source.\nSimple terms of a missing force, along one axis: "
+        note += ", ".join(name for name in catalogue if name.startswith("term_")) + "."
         print(Table("", ["family", "effect", "what it is"], rows, note).text())
     elif options.name in catalogue:
         print(catalogue[options.name]["page"])

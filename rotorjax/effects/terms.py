@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from rotorjax.effects import CATALOG
 from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap
 from rotorjax.model import (
     AbstractRotor,
@@ -246,6 +247,9 @@ globals().update({cls.__name__: cls for cls in _CLASSES})
 
 TERMS: MappingProxyType[str, type[AxisForce]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
 """Term name -> class. What the catalogue has radially (duffing, clearance, quadratic damping, friction) is not repeated."""
+
+NAMED: MappingProxyType[str, type[Effect]] = MappingProxyType({**CATALOG, **TERMS})
+"""All that a rig file or a command may name: the catalogue, and these terms."""
 
 GAPS = tuple(float(share) for share in np.linspace(0.2, 0.95, 12))
 """Gaps to try, in the largest displacement."""

@@ -11,7 +11,7 @@ import numpy as np
 import tomlkit
 
 from rotorjax._core import DEGREE, GRAM_MILLIMETRE, GRAVITY, RPM
-from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import NAMED
 from rotorjax.errors import InputError
 from rotorjax.io.files import write_whole
 from rotorjax.io.section import Document, Section, nearest
@@ -142,7 +142,7 @@ def to_rows(measurement: Measurement) -> list[Row]:
     return rows
 
 
-def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = CATALOG) -> Rig:
+def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -> Rig:
     """Read a rig file.
 
     **Arguments:** ``path``; ``catalog``: the effects that sections ``[effects.NAME]`` and ``[prior.NAME]`` may name.

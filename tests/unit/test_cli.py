@@ -263,3 +263,16 @@ def test_simulate_says_what_speaks_against_the_values(tmp_path, capsys):
     assert run(*fast, "--effect", "clearance:stiffness_n_per_m=1e9,inverse_gap_per_m=1e5") == 2
     assert "no steady state that could be found for" in capsys.readouterr().err
     assert not (tmp_path / "made.csv").exists()
+
+
+def test_terms_of_a_missing_force_are_effects_like_any_other(tmp_path, capsys):
+    """What `explain` names can be simulated, added, written to a rig file and read again."""
+    _, toml = write(tmp_path)
+    table, fitted = tmp_path / "made.csv", tmp_path / "fitted.toml"
+    given = ("--speeds", "500:900:5", "--noise-um", "0.1", "--output", table)
+    assert run("simulate", "--rig", toml, *given, "--effect", "term_steady_x:force_n=0.5", "--orders", "0,1") == 0
+    assert run("compare", table, "--rig", toml, "--effect", "term_steady_x", "--write-rig", fitted) == 0
+    assert "term_steady_x" in fitted.read_text(encoding="utf-8")
+    assert run("compare", table, "--rig", fitted) == 0
+    assert "within the noise" in capsys.readouterr().out
+    assert run("effects", "term_steady_x") == 0
