@@ -134,7 +134,7 @@ def explain(
     require_float64("explain")
     forget_compiled()
     full = model if isinstance(model, Model) else Model(model)
-    check_catalog(catalog)
+    check_catalog(catalog, full.rotor)
     chosen = tuple(catalog) if only is None else tuple(only)
     if unknown := [name for name in (*chosen, *exclude) if name not in catalog]:
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join(catalog)}")

@@ -3,8 +3,9 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
@@ -13,7 +14,7 @@ from rotorjax.discovery.descent import HOPELESS, QUICK, End, Manner, Start, desc
 from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
-from rotorjax.model import Effect, Model
+from rotorjax.model import AbstractRotor, Effect, Family, Instant, Model, RestoringEffect
 from rotorjax.space import Space, make_space, with_company
 
 MOST_STARTS, MOST_PARENTS = 8, 2
@@ -118,16 +119,33 @@ class Contest:
         return dataclasses.replace(self.measurement, present=self.measurement.present & self.training[:, None, None])
 
 
-def check_catalog(catalog: Mapping[str, type[Effect]]) -> None:
-    """Refuse a catalogue that would lose an effect on the way.
+def check_catalog(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor) -> None:
+    """Refuse a catalogue that would lose an effect on the way, or one whose force is no force.
 
-    **Errors.** ``ValueError`` for a key that is not the effect's name, or for an effect instead of its class.
+    **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family that
+    there is not, and for a force that is not two finite numbers at rest.
     """
     for key, cls in catalog.items():
         if not isinstance(cls, type):
             raise ValueError(f"catalog[{key!r}] is an effect: hand over its class, without parentheses")
         if cls.name != key:
             raise ValueError(f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: {cls.__name__}}}")
+        if cls.family not in get_args(Family):
+            raise ValueError(f"{key}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
+        if issubclass(cls, RestoringEffect) and key not in CATALOG:
+            _check_force(cls, rotor)
+
+
+def _check_force(cls: type[RestoringEffect], rotor: AbstractRotor) -> None:
+    none = jnp.zeros(2)
+    at_rest = Instant(rotor, jnp.asarray(100.0), jnp.asarray(0.0), none, none, none)
+    scales = [p.prior_scale(rotor) for p in cls.parameters()]
+    for effect in (cls(), cls(*scales) if not any(p.axes for p in cls.parameters()) else cls()):
+        force = jnp.asarray(effect.force(at_rest))
+        if force.shape != (2,):
+            raise ValueError(f"{cls.name}: its force has shape {force.shape}; return (f_x, f_y) in N, like jnp.stack([f_x, f_y])")
+        if not bool(jnp.all(jnp.isfinite(force))):
+            raise ValueError(f"{cls.name}: its force on a rotor at rest is {force}; keep it finite there, zero over zero included")
 
 
 def make_contest(model: Model, measurement: Measurement, candidates: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Contest:

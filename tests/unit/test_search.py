@@ -1,8 +1,12 @@
 """The sets that a search tries around one, and what held-out folds leave out of a set."""
 
-import pytest
+from typing import ClassVar
 
-from rotorjax import effects
+import jax.numpy as jnp
+import pytest
+from jax import Array
+
+from rotorjax import Instant, RestoringEffect, effects, parameter
 from rotorjax.discovery.held_out import _pruned
 from rotorjax.discovery.race import check_catalog
 from rotorjax.discovery.search import PRICE, neighbours
@@ -31,9 +35,50 @@ def test_pruning_pays_the_price_of_a_detection_for_each_part():
     assert _pruned({**scores, frozenset("ab"): -10.0 + 2.0 * PRICE}) == frozenset("ab")
 
 
-def test_a_catalogue_that_would_lose_an_effect_is_refused():
+def test_a_catalogue_that_would_lose_an_effect_is_refused(paper_rotor):
     with pytest.raises(ValueError, match=r"'mine'.*is the effect 'mass_error': use its name as the key"):
-        check_catalog({"mine": effects.MassError})
+        check_catalog({"mine": effects.MassError}, paper_rotor)
+
+
+class Mine(RestoringEffect):
+    """What a user wrote."""
+
+    name: ClassVar[str] = "mine"
+    family: ClassVar[str] = "restoring"
+    meaning: ClassVar[str] = "anything"
+    source: ClassVar[str] = "none"
+    size_n: Array = parameter("size", scale=1.0, of="force")
+
+    def force(self, instant: Instant) -> Array:
+        return self.size_n * instant.position
+
+
+class OneNumber(Mine):
+    def force(self, instant: Instant) -> Array:
+        return self.size_n * instant.position[0]
+
+
+class NoDirection(Mine):
+    def force(self, instant: Instant) -> Array:
+        return self.size_n * instant.position / jnp.linalg.norm(instant.position)
+
+
+class Elsewhere(Mine):
+    family: ClassVar[str] = "magic"
+
+
+@pytest.mark.parametrize(
+    ("cls", "words"),
+    [
+        (OneNumber, r"shape \(\); return \(f_x, f_y\) in N"),
+        (NoDirection, "keep it finite there"),
+        (Elsewhere, "family 'magic'; there are excitation, structure, restoring, reading"),
+    ],
+)
+def test_an_effect_of_ones_own_is_checked_before_it_is_fitted(cls, words, paper_rotor):
+    check_catalog({"mine": Mine}, paper_rotor)
+    with pytest.raises(ValueError, match=words):
+        check_catalog({"mine": cls}, paper_rotor)
 
 
 def test_a_scale_that_the_rig_lacks_is_named(paper_rotor):
