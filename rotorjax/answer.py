@@ -42,7 +42,7 @@ def sentence(found: Explanation) -> str:
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
     named = _missing_force(found)
-    if found.named_force is not None and found.named_force.enough:
+    if found.verdict == "unexplained" and found.named_force is not None and found.named_force.enough:
         # What explains all comes before what explains a part.
         return " ".join([parts[0], *named, *(part for part in parts[1:] if part), *_ties(found), _left(found)])
     return " ".join([*(part for part in parts if part), *_ties(found), _left(found), *named])
@@ -107,6 +107,8 @@ def _missing_force(found: Explanation) -> list[str]:
     after = number(found.story.measurement.rms_of(named.fit.predicted) / MICROMETRE)
     held = f" ({number(named.fit.held_out_rms / MICROMETRE)} µm on data held out)" if named.fit.held_out_rms is not None else ""
     beside = f"beside {listed(named.beside)}" if named.beside else "beside the model as declared"
+    if found.verdict != "unexplained":
+        return [f"A simpler force would do as well, {beside}: {named.words}. With it alone the error is {after} µm rms{held}."]
     rest = ", which is what the noise allows" if named.enough else ", still more than the noise"
     return [f"The force that is missing {beside} looks like this: {named.words}. Added as a term it brings the error to {after} µm rms{held}{rest}."]
 

@@ -11,6 +11,9 @@ from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.model import Effect
 
+LARGE_SHARE = 0.9
+"""Share of the missing force that a term must have to be tried in the place of several effects."""
+
 
 @dataclasses.dataclass(frozen=True)
 class NamedForce:
@@ -52,6 +55,15 @@ def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Ma
     return best
 
 
+def simpler_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce | None:
+    """Fewer terms than the answer has effects that explain as much, if there are: the answer is then one of two.
+
+    **Arguments:** as for `name_force`.
+    """
+    found = _named(declared, (), catalog, most=len(effects) - 1)
+    return found if found.enough and found.fit is not None and _score(found.fit) < _score(answer) else None
+
+
 def _score(fitted: Fit) -> float:
     """Schwarz' criterion of what a fit leaves, for noise of unknown size (Schwarz 1978, Ann. Statist. 6:461-464)."""
     m = fitted.stage.measurement
@@ -59,11 +71,12 @@ def _score(fitted: Fit) -> float:
     return numbers * math.log(max(m.rms_of(fitted.predicted), 1e-15) ** 2) + len(fitted.estimates) * math.log(numbers)
 
 
-def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]]) -> NamedForce:
+def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int | None = None) -> NamedForce:
+    """**Arguments:** ``most``: terms, if there are more, or if they leave much of the force, nothing is fitted."""
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
     force = missing_force(model.with_orders(measurement.orders), measurement)
     terms = tuple(t for t in regress(force, every, fitted=beside) if t.term not in model)
-    if not terms:
+    if not terms or (most is not None and (len(terms) > most or max(t.share for t in terms) < LARGE_SHARE)):
         return NamedForce(force, (), beside, None)
     full = model.plus([every[t.term](**t.coefficients) for t in terms])
     names = tuple(name for name in (*beside, *(t.term for t in terms)) if name in full)

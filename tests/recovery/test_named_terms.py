@@ -1,9 +1,12 @@
 """A force that no named effect explains, hidden in data by time integration: the regression names its shape and its size."""
 
+import json
+
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain
+from rotorjax.answer import explanation_json, explanation_text
 from rotorjax.discovery.missing_force import missing_force, regress
 
 import nonlinear_oracle as in_time
@@ -87,3 +90,26 @@ def test_a_named_effect_is_named():
     found = regress(missing_force(MODEL, measure(in_time.duffing(2e10))))
     assert found[0].term == "duffing"
     assert_near(found[0].coefficients, {"cubic_n_per_m3": 2e10}, 0.1)
+
+
+def test_unexplained_by_the_catalogue_and_named():
+    """The whole of `explain`: no named effect is enough, the term is, and it is said first."""
+    force, term, _ = HIDDEN["cubic in x"]
+    found = explain(MODEL, measure(force))
+    assert found.verdict == "unexplained"
+    assert [t.term for t in found.named_force.terms] == [term]
+    assert found.named_force.enough
+    said = explanation_text(found)
+    assert said.index("looks like this: cubic in x") < said.index("The model as declared misses")
+    told = json.loads(json.dumps(explanation_json(found), allow_nan=False))
+    assert told["missing_force"]["parameters"]["term_cubic_x.cubic_n_per_m3"]["value"] == pytest.approx(3e10, rel=0.02)
+
+
+def test_one_simple_term_in_the_place_of_several_effects():
+    """A bow and a misalignment together can stand for a force of constant direction: neither is the answer for sure."""
+    force, term, _ = HIDDEN["constant direction along x, once per turn"]
+    found = explain(MODEL, measure(force))
+    if found.verdict != "unexplained":
+        assert found.verdict == "undecided"
+        assert "A simpler force would do as well, beside the model as declared: constant direction along x, once per turn." in explanation_text(found)
+    assert [t.term for t in found.named_force.terms] == [term]
