@@ -7,7 +7,6 @@ vectors agree with ours to a thousandth, which is checked first. Called by `benc
     python benchmarks/harmonic_balance.py
 """
 
-import time
 from collections.abc import Callable
 
 import diffrax
@@ -15,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
+from timing import best, timed
 
 from rotorjax import Conditions, Effect, Jeffcott, Model, effects, response
 from rotorjax.tables import Table
@@ -95,15 +95,6 @@ def diffrax_vectors(force: Callable[..., jax.Array]) -> Callable[[], np.ndarray]
     return lambda: first_order(np.asarray(integrate(at.speed, at.unbalance[:, 0, 0])))
 
 
-def best(run: Callable[[], object], repeats: int) -> float:
-    seconds = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - begin)
-    return min(seconds)
-
-
 def rows() -> list[list[str]]:
     """What, our seconds, peer, its seconds, ratio."""
     table = []
@@ -111,14 +102,14 @@ def rows() -> list[list[str]]:
         model, at = Model(ROTOR) + effect, conditions()
         ours = np.asarray(response(model, at))[:, :, 0]
         by_diffrax = diffrax_vectors(force)
-        by_scipy = scipy_some(force, at)
+        by_scipy, alone = timed(lambda force=force, at=at: scipy_some(force, at))
         largest = np.max(np.abs(ours), axis=1, keepdims=True)
         for what, theirs, mine in (("SciPy", by_scipy, SOME), ("diffrax", by_diffrax(), slice(None))):
             apart = np.max(np.abs(theirs - ours[mine]) / largest[mine])
             assert apart < 2e-3, f"{name}: {what} is {apart:.1e} apart"
         mine = best(lambda model=model, at=at: response(model, at).block_until_ready(), 5)
         seconds = {
-            "SciPy DOP853": 6.0 * best(lambda force=force, at=at: scipy_some(force, at), 1),
+            "SciPy DOP853": 6.0 * alone,
             "diffrax Dopri8, all at once": best(by_diffrax, 2),
         }
         table += [[f"{name}: 60 steady states", f"{mine:.4f}", peer, f"{spent:.2f}", f"{spent / mine:.0f}"] for peer, spent in seconds.items()]

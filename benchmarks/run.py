@@ -4,41 +4,32 @@
 
 Response of 100,000 rotors at 7 speeds, with its Jacobian, beside vectorised NumPy with central differences; one fit
 beside `scipy.optimize.least_squares` on a vectorised NumPy model; the catalogue ranked on 60 conditions beside one such
-fit per hypothesis and start; harmonic balance beside integration in time; import time; commands from start to end, with
-an empty and with a filled compilation cache. Best of several runs each; the results of both sides are compared first.
+fit per hypothesis and start; harmonic balance beside integration in time; the whole of `explain`; import time; commands
+from start to end, with an empty and with a filled compilation cache. Best of several runs each, but for the longest; the
+results of both sides are compared first.
 """
 
 import os
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from explaining import DATA
 from harmonic_balance import rows as balance_rows
 from ranking import HIDDEN, LINEAR, rank, rank_with_scipy, sixty_conditions
 from scipy.optimize import least_squares
+from timing import best
 
 from rotorjax import Conditions, Jeffcott, Model, effects, fit, read_measurement, read_rig
 from rotorjax.response import vectors
 from rotorjax.tables import Table
 
 ROTORS, SPEEDS = 100_000, np.linspace(60.0, 360.0, 7)
-
-
-def best(run: Callable[[], object], repeats: int = 5) -> float:
-    """Seconds of the fastest of several runs."""
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - begin)
-    return min(times)
 
 
 def numpy_response(p: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -188,13 +179,22 @@ def command_rows() -> list[list[str]]:
     return rows
 
 
+def explain_rows() -> list[list[str]]:
+    rows = []
+    for name in DATA:
+        program = [sys.executable, str(Path(__file__).parent / "explaining.py"), name]
+        first, again = (float(s) for s in subprocess.run(program, check=True, capture_output=True, text=True).stdout.split())
+        rows += [row(f"explain, {name}: first in a process", first, "", None), row("the same again", again, "", None)]
+    return rows
+
+
 def python(code: str, environment: dict[str, str]) -> object:
     return subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    rows = [*response_rows(), fit_row(), *ranking_rows(), *balance_rows(), *command_rows()]
+    rows = [*response_rows(), fit_row(), *ranking_rows(), *balance_rows(), *explain_rows(), *command_rows()]
     print(Table("", ["what", "rotorjax s", "peer", "peer s", "peer / ours"], rows).text())
 
 

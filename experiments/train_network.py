@@ -50,6 +50,8 @@ class Config:
     optax_steps: int = 2000
     noises: tuple[float, ...] = (1e-6, 1e-5, 1e-4)
     """Standard deviations of the noise on the test features, in half ranges."""
+    chosen: tuple[str, ...] = ()
+    """Names of the trainings to run; all if none is given."""
 
     def quick(self) -> "Config":
         """A minute's worth, to see that everything works; its errors mean nothing."""
@@ -58,11 +60,12 @@ class Config:
     def methods(self) -> dict[str, tuple[Method, int]]:
         """Name -> how to train, and the most steps that it makes."""
         default = Whitened()
-        return {
+        every: dict[str, tuple[Method, int]] = {
             "as published": (BayesianRegularisation(epochs=self.epochs), self.epochs),
             "default": (default, default.epochs),
             "Optax L2": (OptaxL2(steps=self.optax_steps), self.optax_steps),
         }
+        return {name: every[name] for name in self.chosen or every}
 
 
 class Noisy(NamedTuple):
@@ -242,11 +245,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=Config.seeds, help="seeds to run (%(default)s)")
     parser.add_argument("--epochs", type=int, default=Config.epochs, help="of the training as published (%(default)s)")
     parser.add_argument("--fractions", type=float, nargs=3, default=Config.fractions, help="train, validation and test cases (%(default)s)")
+    parser.add_argument("--methods", nargs="+", default=Config.chosen, choices=list(Config().methods()), help="trainings to run (all)")
     parser.add_argument("--no-times", action="store_true", help="leave out the seconds, so that a second run gives the same files")
     parser.add_argument("--quick", action="store_true", help="two seeds and few steps, to see that it works")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    config = Config(seeds=tuple(arguments.seeds), epochs=arguments.epochs, fractions=tuple(arguments.fractions))
+    config = Config(seeds=tuple(arguments.seeds), epochs=arguments.epochs, fractions=tuple(arguments.fractions), chosen=tuple(arguments.methods))
     config = config.quick() if arguments.quick else config
     try:
         arguments.output.mkdir(parents=True, exist_ok=True)

@@ -312,8 +312,9 @@ def _simulate(options: argparse.Namespace) -> None:
         raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     _compute()
     from rotorjax.io.rig import read_measurement, read_rig
-    from rotorjax.report import objections, steady_lines
+    from rotorjax.report import objections
     from rotorjax.simulate import noisy, plan_like, plan_speeds
+    from rotorjax.steady_states import steadiness
 
     rig = read_rig(options.rig)
     if not 0.0 <= options.noise_um < float("inf"):
@@ -328,7 +329,7 @@ def _simulate(options: argparse.Namespace) -> None:
     made = noisy(full, plan, noise_um=options.noise_um, seed=options.seed)
     rig.write_measurement(options.output, made)
     print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
-    for line in (*objections(full), *steady_lines(full, plan.conditions)):
+    for line in (*objections(full), *steadiness(full, plan.conditions)):
         print(line)
 
 

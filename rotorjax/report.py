@@ -17,16 +17,13 @@ from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inverse import Diagnosis, Fault, RunDiagnosis
 from rotorjax.io.rig import Convention
 from rotorjax.measurement import Measurement
-from rotorjax.model import Conditions, Model, RestoringEffect
-from rotorjax.steady_states import steady_states
+from rotorjax.model import Model
 from rotorjax.tables import Table, is_number, number
 
 WORST = 8
 """Cells shown among the worst."""
 SUSPICIOUS_CHI2 = 0.1
 """Reduced chi-square below which the standard errors of a table cannot be right."""
-SELF_EXCITING = ("cross_coupling", "internal_damping")
-"""Effects of the linear rotor that may make it unstable."""
 HELPS = 0.95
 """An addition that leaves more than this share of the error has not helped."""
 
@@ -175,7 +172,7 @@ def findings(story: Story) -> list[str]:
         names = ", ".join(f"{order:g}X" for order in story.undriven)
         lines.append(f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without effects shows them.")
     lines += objections(story.final_model)
-    lines += steady_lines(story.final_model.with_orders(story.measurement.orders), story.measurement.conditions)
+    lines += story.steadiness
     for name in dict.fromkeys(story.additions):
         lines += _rival_lines(name, [r for r in story.rivals if r.effect == name], story)
     if tangled := story.correlated():
@@ -203,12 +200,6 @@ def findings(story: Story) -> list[str]:
 def objections(model: Model) -> list[str]:
     """What speaks against the values of effects on this rotor."""
     return [f"{e.name} {why}." for e in model.effects if (why := e.objection(model.rotor)) is not None]
-
-
-def steady_lines(model: Model, conditions: Conditions) -> list[str]:
-    """Where the model's steady state does not exist, is unstable or is not the only one; looked into where an effect may cause that."""
-    suspects = any(isinstance(e, RestoringEffect) or e.name in SELF_EXCITING for e in model.effects)
-    return steady_states(model, conditions).words() if suspects else []
 
 
 def _scatter_line(story: Story) -> str:

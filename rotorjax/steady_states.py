@@ -20,10 +20,12 @@ from rotorjax._core import RPM
 from rotorjax._planar import Matrix
 from rotorjax.assembly import Assembled, true_speed
 from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, UNSTABLE, Coefficients, Grid, make_grid, settled, to_complex, to_real
-from rotorjax.model import AbstractRotor, Conditions, Model, SupportEffect
+from rotorjax.model import AbstractRotor, Conditions, Model, RestoringEffect, SupportEffect
 from rotorjax.response import vectors
 from rotorjax.steady import Ready, by_order, fraction_push, restoring, slopes_along, timed_vectors
 
+SELF_EXCITING = ("cross_coupling", "internal_damping")
+"""Effects of the linear rotor that may make it unstable."""
 GROWTH, LINEAR_GROWTH = 1e-3, 1e-4
 """Of a disturbance in one period, up to which a motion counts as stable: forces with corners leave errors of the first size; the second is for
 models without forces that depend on motion. A rotor without damping has multipliers of one."""
@@ -35,8 +37,10 @@ STEPS = 40
 """Of the speed, from there to the condition."""
 STARTS = (0.0, 0.3, 3.0)
 """Sizes of the free motion from which Newton's method begins at the condition itself."""
-PUSHES = ((1.0, 1.0), (1.0, 2.0), (3.0, 1.0), (3.0, 2.0))
-"""Sizes and phases [rad] of `fraction_push` with which Newton's method begins besides."""
+PUSHES, PHASES = (0.3, 1.0, 3.0, 10.0), (0.4, 0.4 + 0.5 * math.pi)
+"""Sizes, in the free motion, and phases [rad] of motions at the lowest fraction of an order with which Newton's method begins besides."""
+WHIRLS = ((1.0, -1.0j), (1.0, 1.0j), (1.0, 0.1j), (0.1j, 1.0))
+"""Directions of these: either sense of whirl, nearly along x, nearly along y."""
 DISTINCT = 1e-3
 """Difference of two motions, in the largest amplitude, from which on they are two."""
 MOST_OTHERS = 3
@@ -229,26 +233,32 @@ def _shares(model: Model, condition: Conditions) -> Float[Array, "sweep"]:
 def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep dof coefficient"], shown: Coefficients) -> Float[Array, "start dof coefficient"]:
     """Steady states at a condition that are reached from below and from above in speed, and from motions of several sizes.
 
-    Where the grid has fractions of an order, also from the one ``shown`` with such fractions in several sizes and phases.
+    Where the grid has fractions of an order, also from the one ``shown`` with such fractions in several sizes and phases, and by following
+    speeds with a push towards such fractions wherever the motion has none: where they arise they are then followed on.
     """
+    ready = Ready.of(model, condition)
+    whole = np.array([order == round(order) for order in ready.grid.orders])
+    fractions = np.concatenate([whole[:1], np.repeat(whole[1:], 2)]) == 0
 
-    def sweep(share: Array, motion: Array) -> Array:
+    def sweep(share: Array, motion: Array, pushed: Array) -> Array:
         def step(last: Array, part: Array) -> tuple[Array, None]:
             system = Ready.of(model, _at(condition, condition.speed * share ** (1.0 - part))).system
-            there = settled(system, jnp.where(jnp.all(jnp.isfinite(last)), last, system.free))
+            last = jnp.where(jnp.all(jnp.isfinite(last)), last, system.free)
+            lacking = jnp.max(jnp.abs(last) * fractions) < DISTINCT * jnp.max(jnp.abs(system.free))
+            there = settled(system, last + pushed * lacking * fraction_push(system, ready.grid))
             return jnp.where(jnp.all(jnp.isfinite(there)), there, last), None
 
         return jax.lax.scan(step, motion, jnp.arange(1, STEPS) / STEPS)[0]
 
-    near = jax.vmap(sweep)(_shares(model, condition), begun)
-    ready = Ready.of(model, condition)
+    ways = jnp.arange(2.0 if ready.grid.turns > 1 else 1.0)
+    near = jnp.concatenate(jax.vmap(lambda pushed: jax.vmap(lambda share, motion: sweep(share, motion, pushed))(_shares(model, condition), begun))(ways))
     system = ready.system
     push = fraction_push(system, ready.grid)
     starts = jnp.concatenate([near, jnp.asarray(STARTS)[:, None, None] * system.free[None] + push[None]])
     if ready.grid.turns > 1:
-        sizes, phases = (jnp.asarray(part)[:, None, None] for part in zip(*PUSHES, strict=True))
-        turned = to_real(to_complex(push)[None] * sizes * jnp.exp(1j * phases))
-        starts = jnp.concatenate([starts, jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None] + turned])
+        each = [size * np.exp(1j * phase) * np.array(whirl) for size in PUSHES for phase in PHASES for whirl in WHIRLS]
+        pushes = jnp.max(jnp.abs(system.free)) * jnp.asarray(np.stack([np.real(each), np.imag(each)], axis=-1))
+        starts = jnp.concatenate([starts, (jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None]).repeat(len(each), 0).at[:, :, 1:3].add(pushes)])
     return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free)))(starts)
 
 
@@ -346,3 +356,9 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     multiplier = np.where(good, np.array([case[0] for case in each]), np.nan)
     result = np.where(good, np.where(multiplier > 1.0 + (GROWTH if timed else LINEAR_GROWTH), UNSTABLE, BALANCED), NOT_BALANCED)
     return SteadyStates(np.asarray(conditions.speed), shown[:, 0], result, multiplier, others)
+
+
+def steadiness(model: Model, conditions: Conditions) -> list[str]:
+    """Where a steady state does not exist, is unstable or is not the only one, in words; looked into where an effect may cause that."""
+    suspects = any(isinstance(e, RestoringEffect) or e.name in SELF_EXCITING for e in model.effects)
+    return steady_states(model, conditions).words() if suspects else []

@@ -38,8 +38,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
     declared = declared_starts(contest.space, contest.only_of(contender.effects), contest.measurement.reach)
     own_starts = [Start.at(end) for end in contender.ends]
     starts = [*own_starts, *(own_starts[0]._replace(point=np.where(free, s, contender.best.point)) for s in declared)]
-    timed = bool(contest.space.effects_of(contest.space.timed()) & contender.effects)
-    starts = starts[: 1 if timed else BLIND_STARTS]
+    starts = starts[: 1 if contest.timed & contender.effects else BLIND_STARTS]
 
     def fit(shifts: np.ndarray, model: np.ndarray | None) -> list[End]:
         tasks = starts * len(shifts)

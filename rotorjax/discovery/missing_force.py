@@ -457,7 +457,7 @@ class _Search:
             return []
         cls, rotor, reach = self._catalog[shape.term], self._found.model.rotor, self._found.reach
         share = beyond(cls, rotor, reach, 1.0).held[shape.gap] / shape.held[shape.gap]
-        near = [beyond(cls, rotor, reach, share + step) for step in FINER if 0.0 < share + step < 1.0]
+        near = [beyond(cls, rotor, reach, share + step) for step in FINER if 0.0 < abs(share + step) < 1.0]
         return self.fits([[*others, entry] for entry in self._entries(near) if self._matters(entry)])
 
     def answer(self, singles: list[_Fitted], pairs: list[_Fitted]) -> tuple[Candidate, ...]:

@@ -65,6 +65,11 @@ class Contest:
     floor: Noise = NO_NOISE
     """Noise beside the table's that is known to be there."""
 
+    @property
+    def timed(self) -> Effects:
+        """Effects whose force depends on motion, so that orders are balanced together."""
+        return frozenset(self.space.effects_of(self.space.timed()))
+
     def log_odds(self, effects: Iterable[str]) -> float:
         """Logarithm of the prior odds of a set against the empty one."""
         return math.fsum(math.log(self.odds[name]) for name in effects)
@@ -83,8 +88,7 @@ class Contest:
 
         Each such force costs as much as a hundred linear effects.
         """
-        timed = self.space.effects_of(self.space.timed())
-        allowed = chosen | frozenset(near)
+        timed, allowed = self.timed, chosen | frozenset(near)
         return [h for h in sets if h & timed <= allowed and len(h & timed) <= max(1, len(chosen & timed))]
 
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
@@ -177,7 +181,7 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
         return {}
     reference = min(known.values(), key=lambda c: -c.log_evidence).best.point if known else contest.space.given_unknowns()
     data = contest.data(noise, reference)
-    timed = contest.space.effects_of(contest.space.timed())
+    timed = contest.timed
     found: dict[Effects, list[End]] = {}
     for group in ([h for h in wanted if not h & timed], [h for h in wanted if h & timed]):
         beat = {effects: min((end.cost for end in found.get(effects - timed, [])), default=math.inf) for effects in group}
@@ -207,12 +211,11 @@ def _fitted(
 
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[Start]:
     """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
-    timed = contest.space.effects_of(contest.space.timed()) & effects
     if effects in known:
         ends = known[effects].ends
         return [Start.at(end) for end in (ends if ends[0].exact else ends[:MOST_ROUGH])]
     near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
-    parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if timed else MOST_PARENTS]]
+    parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if effects & contest.timed else MOST_PARENTS]]
     starts: list[Start] = []
     for parent in parents:
         new = contest.only_of(effects - parent.effects)

@@ -1,6 +1,7 @@
 """The whole of one comparison: the model as declared, effects added one after the other, what fits as well, what is left."""
 
 import dataclasses
+import functools
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from rotorjax.discovery.rivals import Rival, rivals
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 from rotorjax.response import response
+from rotorjax.steady_states import steadiness
 
 CORRELATED = 0.95
 """Correlation of two estimates above which the data fix a combination of them only."""
@@ -42,6 +44,11 @@ class Story:
     def final_model(self) -> Model:
         """The fitted model, or the declared one if nothing was added."""
         return self.fits[-1].model if self.fits else self.model
+
+    @functools.cached_property
+    def steadiness(self) -> list[str]:
+        """Where the final model's steady state does not exist, is unstable or is not the only one."""
+        return steadiness(self.final_model.with_orders(self.measurement.orders), self.measurement.conditions)
 
     def noise_um(self) -> float | None:
         """Root mean square of pure noise, |z| over the cells [µm]; none where it is unknown."""

@@ -71,8 +71,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     every = list(itertools.chain(*swaps.values()))
-    timed = contest.space.effects_of(contest.space.timed())
-    open_still = [h for h in every if h not in selection.known or selection.known[h].log_evidence > winner.log_evidence - _hopeless(h, timed)]
+    open_still = [h for h in every if h not in selection.known or _near(contest, h, selection.known[h].log_evidence, winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
@@ -94,13 +93,14 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:
     """Whether a set may do as well: one with a force depending on motion only if a part of it comes near."""
-    timed = contest.space.effects_of(contest.space.timed()) & effects
+    timed = contest.timed & effects
     parts = (c.log_evidence for other, c in found.items() if other < effects and timed & other)
-    return not timed or max(parts, default=math.inf) > winner.log_evidence - TIMED_HOPELESS
+    return not timed or _near(contest, effects, max(parts, default=math.inf), winner)
 
 
-def _hopeless(effects: Effects, timed: Effects | set[str]) -> float:
-    return TIMED_HOPELESS if effects & timed else HOPELESS
+def _near(contest: Contest, effects: Effects, log_evidence: float, winner: Contender) -> bool:
+    """Whether a set, or its best part, is near enough to the winner to be fitted again."""
+    return log_evidence > winner.log_evidence - (TIMED_HOPELESS if effects & contest.timed else HOPELESS)
 
 
 def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:

@@ -48,6 +48,12 @@ def stop_objection(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -
     return None
 
 
+def depth_objection(rotor: AbstractRotor, loss_x: Array, loss_y: Array) -> str | None:
+    """What speaks against a loss of stiffness that turns with the shaft: the shaft has less."""
+    loss, least = float(jnp.hypot(loss_x, loss_y)), float(jnp.min(rotor.stiffness))
+    return f"takes {loss:.3g} N/m, more than the {least:.3g} N/m that the shaft has" if loss > least else None
+
+
 class Duffing(RestoringEffect):
     """f = k_3 r² (x, y), r the deflection of the shaft: its stiffness grows (or falls, k_3 < 0) with amplitude."""
 
@@ -134,8 +140,8 @@ class Crack(RestoringEffect):
         return -loss * open_share * jnp.sum(across * instant.deflection) * across
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        loss, least = float(jnp.hypot(self.loss_x_n_per_m, self.loss_y_n_per_m)), float(jnp.min(rotor.stiffness))
-        return f"takes {loss:.3g} N/m, more than the {least:.3g} N/m that the shaft has: deeper than the shaft" if loss > least else None
+        said = depth_objection(rotor, self.loss_x_n_per_m, self.loss_y_n_per_m)
+        return said and f"{said}: deeper than the shaft"
 
 
 class AsymmetricShaft(RestoringEffect):
@@ -156,8 +162,8 @@ class AsymmetricShaft(RestoringEffect):
         return jnp.stack([turned[0] * x + turned[1] * y, turned[1] * x - turned[0] * y])
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        loss, least = float(jnp.hypot(self.difference_x_n_per_m, self.difference_y_n_per_m)), float(jnp.min(rotor.stiffness))
-        return f"takes {loss:.3g} N/m on its soft side, more than the {least:.3g} N/m that the shaft has" if loss > least else None
+        said = depth_objection(rotor, self.difference_x_n_per_m, self.difference_y_n_per_m)
+        return said and f"{said} on its soft side"
 
 
 class QuadraticDamping(RestoringEffect):

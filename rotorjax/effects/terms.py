@@ -50,6 +50,10 @@ class AxisForce(Effect):
 
     words: ClassVar[str]
     """What people call it, in a few words."""
+    sides: ClassVar[tuple[float, ...]] = (1.0,)
+    """Signs that the gap may have, if there is one."""
+    reached: ClassVar[str] = "of"
+    """The word between these words and the size of the gap."""
 
     @abc.abstractmethod
     def axis(self) -> int:
@@ -114,6 +118,46 @@ class DeadBand(AxisForce, RestoringEffect):
     def force(self, instant: Instant) -> Array:
         at = instant.position[self.axis()]
         return self.placed(self.stiffness_n_per_m * jnp.sign(at) * beyond_gap(jnp.abs(at), self.inverse_gap_per_m))
+
+
+class OneSidedStop(AxisForce, RestoringEffect):
+    """k max({a} - gap, 0) along {a}, or k min({a} - gap, 0) for a negative gap: a stop on one side, with nothing opposite."""
+
+    name: ClassVar[str] = "term_one_sided_stop_{a}"
+    family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "a stop along {a} on one side only, reached at the end of a gap: a partial rub without friction"
+    words: ClassVar[str] = "stop on one side along {a}"
+    source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Muszynska, Rotordynamics, 2005, chapter 5"
+    relatives: ClassVar[tuple[str, ...]] = ("clearance", "rub")
+    sufficient: ClassVar[Plan] = AROUND
+    stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
+    inverse_gap_per_m: Array = parameter("one over the gap, negative where the stop is on the negative side", scale=0.2, of="curvature")
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": side / share} for share in GAP_SHARES for side in (1.0, -1.0)
+    )
+    over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
+    sides: ClassVar[tuple[float, ...]] = (1.0, -1.0)
+    reached: ClassVar[str] = "at"
+
+    def force(self, instant: Instant) -> Array:
+        return self.placed(self.stiffness_n_per_m * beyond_gap(instant.position[self.axis()], self.inverse_gap_per_m))
+
+
+class Unsymmetrical(AxisForce, RestoringEffect):
+    """k̄ κ {a}² along {a}, k̄ the mean stiffness: stiffer on one side than on the other."""
+
+    name: ClassVar[str] = "term_unsymmetrical_{a}"
+    family: ClassVar[Family] = "restoring"
+    meaning: ClassVar[str] = "a spring along {a} that is stiffer on one side than on the other, by the square of displacement"
+    words: ClassVar[str] = "square of {a}, stiffer on one side"
+    source: ClassVar[str] = "Ishida, Yamamoto, Linear and Nonlinear Rotordynamics, 2nd edition, 2012, section 6.2"
+    relatives: ClassVar[tuple[str, ...]] = ("duffing", "stiffness_error")
+    sufficient: ClassVar[Plan] = TWICE
+    growth_per_m: Array = parameter("growth of stiffness κ with displacement to one side, relative to the mean stiffness", scale=0.03, of="curvature")
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"growth_per_m": 0.3}, {"growth_per_m": -0.3})
+
+    def force(self, instant: Instant) -> Array:
+        return self.placed(jnp.mean(instant.rotor.stiffness) * self.growth_per_m * instant.position[self.axis()] ** 2)
 
 
 class AxisQuadraticDamping(AxisForce, RestoringEffect):
@@ -240,7 +284,7 @@ def along(axis: int, shape: type[AxisForce]) -> type[AxisForce]:
     return Along
 
 
-_SHAPES = (Cubic, Square, DeadBand, AxisQuadraticDamping, AxisDryFriction, TurningStiffness, Steady, Pulsating, PulsatingTwice)
+_SHAPES = (Cubic, Square, Unsymmetrical, DeadBand, OneSidedStop, AxisQuadraticDamping, AxisDryFriction, TurningStiffness, Steady, Pulsating, PulsatingTwice)
 _CLASSES = tuple(along(axis, shape) for shape in _SHAPES for axis in (0, 1))
 # Pickle finds a class by its name in the module.
 globals().update({cls.__name__: cls for cls in _CLASSES})
@@ -299,7 +343,7 @@ class Shape(NamedTuple):
         """What people call it, with the gap."""
         if self.gap is None:
             return self.plain
-        return f"{self.plain} {'of' if self.term in TERMS else 'beyond'} {1e3 / self.held[self.gap]:.2g} mm"
+        return f"{self.plain} {TERMS[self.term].reached if self.term in TERMS else 'beyond'} {1e3 / self.held[self.gap]:.2g} mm"
 
 
 def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Reach) -> Iterator[Shape]:
@@ -310,7 +354,8 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
             continue
         scale = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters()}
         if cls.over_amplitude:
-            yield from (beyond(cls, rotor, reach, share) for share in GAPS)
+            sides = cls.sides if issubclass(cls, AxisForce) else AxisForce.sides
+            yield from (beyond(cls, rotor, reach, side * share) for side in sides for share in GAPS)
         elif name == "crack":
             for angle in 2.0 * math.pi * np.arange(CRACK_ANGLES) / CRACK_ANGLES:
                 pair = zip(scale.items(), (math.cos(angle), math.sin(angle)), strict=True)
@@ -322,7 +367,7 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
 
 
 def beyond(cls: type[Effect], rotor: AbstractRotor, reach: Reach, share: float) -> Shape:
-    """A force beyond a gap that is this share of the largest displacement, along the term's axis or radially."""
+    """A force beyond a gap that is this share of the largest displacement, along the term's axis or radially; negative: on the negative side."""
     largest = reach[cls().axis()] if issubclass(cls, AxisForce) else reach.radius
     gap = cls.over_amplitude[0]
     held = {gap: 1.0 / (share * largest)} | ({"friction": RUB_FRICTION} if cls.name == "rub" else {})
