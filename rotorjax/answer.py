@@ -107,10 +107,12 @@ def _missing_force(found: Explanation) -> list[str]:
     after = number(found.story.measurement.rms_of(named.fit.predicted) / MICROMETRE)
     held = f" ({number(named.fit.held_out_rms / MICROMETRE)} µm on data held out)" if named.fit.held_out_rms is not None else ""
     beside = f"beside {listed(named.beside)}" if named.beside else "beside the model as declared"
+    words = f"{named.words} (or, hardly worse, {', or '.join(named.rivals)})" if named.rivals else named.words
     if found.verdict != "unexplained":
-        return [f"A simpler force would do as well, {beside}: {named.words}. With it alone the error is {after} µm rms{held}."]
+        how = "A simpler force would do as well" if len(named.terms) < len(found.effects) else "A force outside the catalogue would do better"
+        return [f"{how}, {beside}: {words}. With it alone the error is {after} µm rms{held}."]
     rest = ", which is what the noise allows" if named.enough else ", still more than the noise"
-    return [f"The force that is missing {beside} looks like this: {named.words}. Added as a term it brings the error to {after} µm rms{held}{rest}."]
+    return [f"The force that is missing {beside} looks like this: {words}. Added as a term it brings the error to {after} µm rms{held}{rest}."]
 
 
 def missing_force_table(named: NamedForce) -> Table | None:
@@ -141,6 +143,7 @@ def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
         "reason": named.force.reason,
         "beside": list(named.beside),
         "terms": terms,
+        "rivals": list(named.rivals),
         "parameters": None if fitted is None else {e.entry.key: {"value": e.value, "standard_error": e.standard_error} for e in fitted.estimates},
         "rms_um": None if fitted is None else named.force.measurement.rms_of(fitted.predicted) / MICROMETRE,
         "held_out_rms_um": None if fitted is None or fitted.held_out_rms is None else fitted.held_out_rms / MICROMETRE,

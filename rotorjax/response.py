@@ -5,6 +5,7 @@ Without forces that depend on motion every order has a closed form; with them th
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,6 +17,9 @@ from rotorjax.assembly import Chain, assemble, point_at, true_speed
 from rotorjax.harmonic import make_grid
 from rotorjax.model import AbstractRotor, Conditions, Model
 from rotorjax.steady import Near, is_timed, measured_motion, timed_vectors, without_timed
+
+TOGETHER = 4
+"""Cases whose orders are balanced in one go."""
 
 
 def _linear_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
@@ -48,7 +52,17 @@ def _case(model: Model, condition: Conditions, vectors_of: Callable[[Model, Cond
 def vectors(model: Model, conditions: Conditions) -> Complex[Array, "case probe order"]:
     """`response` without its own compilation, for use inside other compiled functions."""
     of_case = _timed_vectors if is_timed(model) else _linear_vectors
-    return jax.vmap(lambda condition: _case(model, condition, of_case))(conditions)
+    if of_case is _linear_vectors:
+        return jax.vmap(lambda condition: _case(model, condition, of_case))(conditions)
+    return _by_few(lambda condition: _case(model, condition, of_case), conditions)
+
+
+def _by_few(of_case: Callable[..., Any], cases: Any) -> Any:
+    """A function of one case at all cases, a few at a time: together, all would wait for the slowest of Newton's iterations."""
+    count = len(jax.tree.leaves(cases)[0])
+    more = -count % TOGETHER
+    filled = jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.repeat(leaf[-1:], more, axis=0)]), cases) if more else cases
+    return jax.tree.map(lambda leaf: leaf[:count], jax.lax.map(of_case, filled, batch_size=TOGETHER))
 
 
 def motion_shape(model: Model) -> tuple[int, int, int]:

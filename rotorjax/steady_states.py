@@ -19,7 +19,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from rotorjax._core import RPM
 from rotorjax._planar import Matrix
 from rotorjax.assembly import Assembled, true_speed
-from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, UNSTABLE, Coefficients, Grid, make_grid, settled, to_complex, to_real
+from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, UNSTABLE, Coefficients, Grid, make_grid, settled, to_complex
 from rotorjax.model import AbstractRotor, Conditions, Model, RestoringEffect, SupportEffect
 from rotorjax.response import vectors
 from rotorjax.steady import Ready, by_order, fraction_push, restoring, slopes_along, timed_vectors
@@ -244,7 +244,7 @@ def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep do
         def step(last: Array, part: Array) -> tuple[Array, None]:
             system = Ready.of(model, _at(condition, condition.speed * share ** (1.0 - part))).system
             last = jnp.where(jnp.all(jnp.isfinite(last)), last, system.free)
-            lacking = jnp.max(jnp.abs(last) * fractions) < DISTINCT * jnp.max(jnp.abs(system.free))
+            lacking = jnp.max(jnp.abs(last) * fractions[None]) < DISTINCT * jnp.max(jnp.abs(system.free))
             there = settled(system, last + pushed * lacking * fraction_push(system, ready.grid))
             return jnp.where(jnp.all(jnp.isfinite(there)), there, last), None
 
@@ -256,10 +256,15 @@ def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep do
     push = fraction_push(system, ready.grid)
     starts = jnp.concatenate([near, jnp.asarray(STARTS)[:, None, None] * system.free[None] + push[None]])
     if ready.grid.turns > 1:
-        each = [size * np.exp(1j * phase) * np.array(whirl) for size in PUSHES for phase in PHASES for whirl in WHIRLS]
-        pushes = jnp.max(jnp.abs(system.free)) * jnp.asarray(np.stack([np.real(each), np.imag(each)], axis=-1))
-        starts = jnp.concatenate([starts, (jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None]).repeat(len(each), 0).at[:, :, 1:3].add(pushes)])
+        starts = jnp.concatenate([starts, jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None] + _pushes(system.free)])
     return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free)))(starts)
+
+
+def _pushes(free: Coefficients) -> Float[Array, "start dof coefficient"]:
+    """Motions at the lowest fraction of an order, in several sizes, phases and directions."""
+    each = np.array([size * np.exp(1j * phase) * np.array(whirl) for size in PUSHES for phase in PHASES for whirl in WHIRLS])
+    lowest = jnp.max(jnp.abs(free)) * jnp.asarray(np.stack([np.real(each), np.imag(each)], axis=-1))
+    return jnp.zeros((len(each), *free.shape)).at[:, :, 1:3].set(lowest)
 
 
 def _balanced(model: Model, condition: Conditions) -> _Found:

@@ -202,6 +202,16 @@ def dead_band_x(stiffness: float, gap: float) -> Force:
     return lambda angle, q, v, d: _pair(stiffness * np.sign(q[0]) * np.maximum(np.abs(q[0]) - gap, 0.0), 0.0 * q[1])
 
 
+def stop_below_y(stiffness: float, gap: float) -> Force:
+    """A spring along y that is reached beyond a gap on the negative side only."""
+    return lambda angle, q, v, d: _pair(0.0 * q[0], stiffness * np.minimum(q[1] + gap, 0.0))
+
+
+def square_x(stiffness: float) -> Force:
+    """k x² along x only."""
+    return lambda angle, q, v, d: _pair(stiffness * q[0] ** 2, 0.0 * q[1])
+
+
 def quadratic_damping_x(drag: float) -> Force:
     """c |v_x| v_x along x only."""
     return lambda angle, q, v, d: _pair(drag * np.abs(v[0]) * v[0], 0.0 * v[1])

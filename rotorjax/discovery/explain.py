@@ -15,7 +15,7 @@ from rotorjax.discovery.data import half_order_sign
 from rotorjax.discovery.descent import QUICK, Start, best_of, descend, predict
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
-from rotorjax.discovery.named_force import NamedForce, name_force, simpler_force
+from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
 from rotorjax.discovery.race import Contest, Effects, check_catalog, make_contest, misfit_left, race
@@ -67,8 +67,8 @@ class Explanation:
     catalog: Mapping[str, type[Effect]]
     """What might have been missing."""
     named_force: NamedForce | None
-    """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of fewer terms that would do as well
-    as several effects."""
+    """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few terms that would do as well
+    as the effects found."""
 
     @property
     def model(self) -> Model:
@@ -171,9 +171,9 @@ def _answer(
     if verdict == "unexplained" and thorough and contest.measurement.rms > 0.0:
         progress("the force that is missing")
         named = name_force(fits[0], fits[-1], selection.effects, catalog)
-    elif thorough and len(selection.effects) > 1:
-        progress("whether a simpler force would do as well")
-        named = simpler_force(fits[0], fits[-1], selection.effects, catalog)
+    elif thorough and selection.effects:
+        progress("whether a force outside the catalogue would do as well")
+        named = other_force(fits[0], fits[-1], selection.effects, catalog)
         verdict = verdict if named is None else "undecided"
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)

@@ -1,16 +1,11 @@
-"""The force that a model lacks, from the measured motion, and the simple term that it looks like.
+"""The force that a model lacks, from the measured motion.
 
 Order by order the measured motion is put into the equation of motion: R = D q + N(q) - F is what acts on the rotor
-beside the model. A sparse regression of R on force terms along that motion is linear and names terms that can be added
-as effects (Brunton, Proctor, Kutz 2016, Proc. Natl. Acad. Sci. 113:3932-3937). Plain equation error would trust most
-what the dynamic stiffness amplifies; the squares counted here are those of the change of the measured vectors, in
-standard errors, that brings the equation into balance.
+beside the model. `rotorjax.discovery.force_terms` looks for simple terms in it.
 """
 
 import dataclasses
 import itertools
-import math
-from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -24,29 +19,15 @@ from jaxtyping import Bool, Complex, Float, Int
 from rotorjax._core import MICROMETRE, AnyArray, require_float64
 from rotorjax._planar import Vector
 from rotorjax.assembly import true_speed
-from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import STEP, TERMS, Reach, Shape, beyond, shapes
+from rotorjax.effects.terms import Reach
 from rotorjax.harmonic import Grid, make_grid, to_complex, to_real
 from rotorjax.measurement import Measurement
-from rotorjax.model import Conditions, Effect, Model, ReadingEffect, SpeedEffect, WaveformEffect
+from rotorjax.model import Conditions, Model, WaveformEffect
 from rotorjax.response import vectors
 from rotorjax.steady import by_order, in_space, restoring, restoring_system, without_timed
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
-FINER = (-0.05, -0.035, -0.02, -0.01, 0.01, 0.02, 0.035, 0.05)
-"""Gaps tried around the best one, in the largest displacement."""
-BATCH = 16
-"""Terms per call of the compiled function."""
-PASSES = 5
-"""Of the weights, which the term itself changes where the rotor is near resonance."""
-LEAST_GAIN, LEAST_SHARE = 10.0, 1e-3
-"""A term counts if chi-square falls by so much beyond the Bayesian information criterion (very strong: Kass, Raftery 1995, J. Am. Stat. Assoc. 90:773-795),
-and by this share of what all is about: 3 % in amplitude."""
-NO_SHARE, TINY = 1e-9, 1e-30
-"""Of the measured motion: a force that moves it less is nothing."""
-TOUCHED, LEAST_TOUCHED = 1e-2, 3
-"""A gap is reached in a case where its force is this share of the largest one; cases in which it must be."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,7 +126,7 @@ def _sight(model: Model, conditions: Conditions) -> _Sight:
 
 
 @eqx.filter_jit
-def _equations(
+def equations(
     model: Model, values: Float[AnyArray, "term param"], conditions: Conditions, motion: Float[AnyArray, "case dof coefficient"], measured: Int[AnyArray, "_"]
 ) -> tuple[Float[Array, "term case equation"], Float[Array, "term case equation equation"]]:
     """D q + N(q) - F [N] at a motion, and its derivative by what was measured of it, for several values of the parameters of all effects."""
@@ -202,7 +183,7 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
         return _nothing(full, measurement, grid, "only one direction was measured: the force needs the motion along x and along y in the same case")
     motion, whitening, covariance, measured = _motion(full, measurement, sight, both & usable[:, None], noise_allowance)
     base = np.asarray(ravel_pytree(full.effects)[0], dtype=float)[None]
-    errors, slopes = (np.asarray(a)[0] for a in _equations(full, base, measurement.conditions, motion, measured))
+    errors, slopes = (np.asarray(a)[0] for a in equations(full, base, measurement.conditions, motion, measured))
     used = np.any(whitening != 0.0, axis=2)
     balance = Balance(
         motion, measured, np.where(used, errors, 0.0), np.where(used[:, :, None] & used[:, None], slopes, np.eye(used.shape[1])[None]), whitening,
@@ -288,213 +269,3 @@ def _nothing(model: Model, measurement: Measurement, grid: Grid, reason: str) ->
     cases = len(measurement.run)
     wave, part = np.zeros((cases, 2, len(grid.angle))), np.zeros((cases, 2, len(measurement.orders)))
     return MissingForce(model, measurement, reason, np.zeros(cases, bool), grid.angle, wave, wave, wave, wave, part.astype(complex), part, None)
-
-
-@dataclasses.dataclass(frozen=True)
-class Candidate:
-    """A term that the missing force looks like."""
-
-    term: str
-    """Key of the catalogue handed over, by default ``CATALOG | TERMS``."""
-    words: str
-    coefficients: dict[str, float]
-    """By parameter, in SI: ``catalog[term](**coefficients)`` is the effect; beside the other terms found."""
-    standard_errors: dict[str, float]
-    """Of those that enter linearly, in the scale of what is left over where that is more than noise."""
-    share: float
-    """Of the squared change of the vectors, in standard errors, that the force missing asks for: how much this term takes away."""
-    gain: float
-    """Fall of chi-square beyond k ln n."""
-    rivals: tuple[str, ...]
-    """Words for other terms that do nearly as well in its place."""
-
-
-class _Column(NamedTuple):
-    """What one factor of a shape adds to R, and to its slopes, per unit; to be taken off."""
-
-    error: Float[np.ndarray, "case equation"]
-    slopes: Float[np.ndarray, "case equation equation"]
-
-
-Entry = tuple[Shape, tuple[_Column, ...]]
-
-
-class _Fitted(NamedTuple):
-    """Terms fitted together, beside what gives way: their factors in units of the columns."""
-
-    own: list[Entry]
-    factors: Float[np.ndarray, "_"]
-    deviation: Float[np.ndarray, "_"]
-    chi2: float
-
-    @property
-    def unknowns(self) -> int:
-        """Of all terms."""
-        return sum(shape.unknowns for shape, _ in self.own)
-
-    def factors_of(self, which: int) -> slice:
-        """Those of one term."""
-        start = sum(len(shape.factors) for shape, _ in self.own[:which])
-        return slice(start, start + len(self.own[which][0].factors))
-
-    def allowed(self) -> bool:
-        """A stop pushes back, a crack takes stiffness away."""
-        pushes = [bool(np.all(self.factors[self.factors_of(k)] > 0.0)) for k, (shape, _) in enumerate(self.own) if shape.positive]
-        return math.isfinite(self.chi2) and all(pushes)
-
-
-def _fit(balance: Balance, yielding: list[Entry], own: list[Entry]) -> _Fitted:
-    """Least change of the measured vectors, in standard errors, that balances R + Σ θ column = 0: Gauss-Newton in θ.
-
-    The change is (slopes + Σ θ column slopes)⁻¹ times what is left: the terms too move with the vectors.
-    """
-    columns = [c for _, several in [*own, *yielding] for c in several]
-    error = np.stack([balance.error, *(c.error for c in columns)], axis=-1)
-    slopes = np.stack([c.slopes for c in columns], axis=-1) if columns else np.zeros((*balance.slopes.shape, 0))
-    factors, best = np.zeros(len(columns)), _Fitted(own, np.zeros(len(columns)), np.zeros(len(columns)), math.inf)
-    for _ in range(PASSES):
-        changed = (balance.whitening @ np.linalg.solve(balance.slopes + slopes @ factors, error)).reshape(-1, error.shape[-1])
-        left = changed[:, 0] + changed[:, 1:] @ factors
-        chi2 = float(left @ left)
-        if not math.isfinite(chi2):
-            break
-        size = np.maximum(np.linalg.norm(changed[:, 1:], axis=0), TINY)
-        scaled = changed[:, 1:] / size
-        inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
-        if chi2 < best.chi2:
-            best = _Fitted(own, factors, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size, chi2)
-        factors = -(inverse @ (scaled.T @ changed[:, 0])) / size
-    return best
-
-
-def regress(found: MissingForce, catalog: Mapping[str, type[Effect]] = CATALOG | TERMS, *, fitted: Collection[str] = ()) -> tuple[Candidate, ...]:
-    """The terms that the missing force looks like, at most two, the larger first; none where noise will do.
-
-    Every term, then every pair of terms, by the Bayesian information criterion (Schwarz 1978, Ann. Stat. 6:461-464), chi-square
-    taken in units of what the best of them leaves where that is more than noise.
-
-    **Arguments:** ``found``: by `missing_force`; ``catalog``: effects by name; those that only change a reading or the
-    support do not enter, nor those that the model has; ``fitted``: effects of the model whose values were fitted without
-    the missing force, and give way beside it. **Returns** `Candidate`s, empty where ``found`` has a reason.
-    """
-    if found.balance is None:
-        return ()
-    search = _Search(found, found.balance, catalog, fitted)
-    if not (singles := search.fits([[entry] for entry in search.pool])):
-        return ()
-    singles += search.finer(min(singles, key=search.cost), [])
-    best_of: dict[str, _Fitted] = {}
-    for single in sorted(singles, key=search.cost):
-        best_of.setdefault(single.own[0][0].plain, single)
-    kept = [single.own[0] for single in best_of.values()]
-    pairs = search.fits([[one, other] for one, other in itertools.combinations(kept, 2)])
-    pairs += search.fits([[kept[0], entry] for entry in search.pool if entry[0].plain != kept[0][0].plain])
-    if leader := min(pairs, key=search.cost, default=None):
-        pairs += [f for which in range(2) for f in search.finer(leader, [leader.own[1 - which]], which)]
-    return search.answer(singles, pairs)
-
-
-class _Search:
-    """The terms to try, and what fits of them cost."""
-
-    def __init__(self, found: MissingForce, balance: Balance, catalog: Mapping[str, type[Effect]], fitted: Collection[str]):
-        self._found, self._balance, self._catalog = found, balance, catalog
-        self._used = np.any(balance.whitening != 0.0, axis=2)
-        tried = list(shapes({name: cls for name, cls in catalog.items() if name not in found.model}, found.model.rotor, found.reach))
-        self._model = found.model.plus([catalog[name]() for name in sorted({shape.term for shape in tried})])
-        labels = [(e.name, label) for e in self._model.effects for p in e.parameters() for label in p.labels(self._model.layout)]
-        self._index = {label: k for k, label in enumerate(labels)}
-        self._yielding = self._entries(_yielding(found, fitted))
-        self.pool = [entry for entry in self._entries(tried) if self._matters(entry)]
-        self.none = _fit(balance, self._yielding, [])
-        self.unit = math.inf
-        """Chi-square per number left over, by the best of all."""
-
-    def _entries(self, wanted: list[Shape]) -> list[Entry]:
-        """Shapes with their columns."""
-        points = [np.asarray(ravel_pytree(self._model.effects)[0], dtype=float)]
-        for shape in wanted:
-            for factor in shape.factors:
-                points.append(points[0].copy())
-                for key, value in (shape.held | factor).items():
-                    points[-1][self._index[shape.term, key]] += value
-        errors, slopes = self._evaluate(np.stack(points))
-        columns = iter(_Column(errors[k] - errors[0], slopes[k] - slopes[0]) for k in range(1, len(points)))
-        return [(shape, tuple(next(columns) for _ in shape.factors)) for shape in wanted]
-
-    def _evaluate(self, points: Float[np.ndarray, "term param"]) -> tuple[np.ndarray, np.ndarray]:
-        padded = np.concatenate([points, np.repeat(points[-1:], -len(points) % BATCH, axis=0)])
-        at = self._found.measurement.conditions, self._balance.motion, self._balance.measured
-        parts = [_equations(self._model, padded[k : k + BATCH], *at) for k in range(0, len(padded), BATCH)]
-        errors, slopes = (np.concatenate([np.asarray(p[i]) for p in parts])[: len(points)] for i in range(2))
-        return errors * self._used[None], slopes * (self._used[:, :, None] & self._used[:, None])[None]
-
-    def _matters(self, entry: Entry) -> bool:
-        """Whether a term moves anything that was measured; beyond a gap in several cases, as anything explains a single one."""
-        shape, columns = entry
-        motion = self._balance.motion[:, :, self._balance.measured].reshape(len(self._balance.motion), -1, 1)
-        least = NO_SHARE * STEP * float(np.linalg.norm(self._balance.slopes @ motion))
-        sizes = [np.linalg.norm(c.error, axis=1) for c in columns]
-        touched = sum(np.count_nonzero(size > TOUCHED * np.max(size)) for size in sizes)
-        return any(float(np.max(size)) > least for size in sizes) and (shape.gap is None or bool(touched >= LEAST_TOUCHED))
-
-    def cost(self, fitted: _Fitted) -> float:
-        """Chi-square in units, and the price of the parameters."""
-        return fitted.chi2 / self.unit + fitted.unknowns * math.log(self._balance.numbers)
-
-    def fits(self, sets: list[list[Entry]]) -> list[_Fitted]:
-        """Those that are allowed; the unit becomes what the best one leaves."""
-        done = [fitted for several in sets if (fitted := _fit(self._balance, self._yielding, several)).allowed()]
-        if done:
-            left = min(f.chi2 / max(1, self._balance.numbers - f.unknowns) for f in done)
-            self.unit = min(self.unit, max(left, 1.0 if self._balance.known else TINY))
-        return done
-
-    def finer(self, leader: _Fitted, others: list[Entry], which: int = 0) -> list[_Fitted]:
-        """The same with gaps around the leader's, where it has one."""
-        shape = leader.own[which][0]
-        if shape.gap is None:
-            return []
-        cls, rotor, reach = self._catalog[shape.term], self._found.model.rotor, self._found.reach
-        share = beyond(cls, rotor, reach, 1.0).held[shape.gap] / shape.held[shape.gap]
-        near = [beyond(cls, rotor, reach, share + step) for step in FINER if 0.0 < abs(share + step) < 1.0]
-        return self.fits([[*others, entry] for entry in self._entries(near) if self._matters(entry)])
-
-    def answer(self, singles: list[_Fitted], pairs: list[_Fitted]) -> tuple[Candidate, ...]:
-        """None, one or two terms, each with what does nearly as well in its place."""
-        one = min(singles, key=self.cost)
-        two = min(pairs, key=self.cost, default=None)
-        path = [self.none]
-        if two is not None and self._counts(one, two):
-            alone = {id(f.own[0][0]): f for f in singles}
-            first, second = sorted(two.own, key=lambda entry: self.cost(alone[id(entry[0])]) if id(entry[0]) in alone else math.inf)
-            path += [_fit(self._balance, self._yielding, own) for own in ([first], [first, second])]
-        elif self._counts(self.none, one):
-            path += [one]
-        count = len(path) - 1
-        return tuple(self._candidate(path, k, singles if count == 1 else pairs) for k in range(count))
-
-    def _counts(self, before: _Fitted, after: _Fitted) -> bool:
-        return self.cost(before) > self.cost(after) + LEAST_GAIN and before.chi2 > after.chi2 + LEAST_SHARE * self.none.chi2
-
-    def _candidate(self, path: list[_Fitted], which: int, others: list[_Fitted]) -> Candidate:
-        """One term, its factors beside those of the others."""
-        last, shape, at = path[-1], path[-1].own[which][0], path[-1].factors_of(which)
-        coefficients, errors = dict(shape.held), {}
-        for factor, value, deviation in zip(shape.factors, last.factors[at], last.deviation[at], strict=True):
-            for key, part in factor.items():
-                coefficients[key] = float(value) * part
-                errors[key] = float(deviation) * abs(part) * math.sqrt(self.unit)
-        company = {id(s) for s, _ in last.own} - {id(shape)}
-        near = [f for f in others if company <= {id(s) for s, _ in f.own} and self.cost(f) < self.cost(last) + LEAST_GAIN]
-        names = (s.words for f in sorted(near, key=self.cost) for s, _ in f.own if id(s) not in company and s.term != shape.term)
-        fall = path[which].chi2 - path[which + 1].chi2
-        gain = self.cost(path[which]) - self.cost(path[which + 1])
-        return Candidate(shape.term, shape.words, coefficients, errors, fall / max(self.none.chi2, TINY), gain, tuple(dict.fromkeys(names)))
-
-
-def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:
-    """Every parameter of these effects of the model by itself."""
-    layout, rotor = found.model.layout, found.model.rotor
-    effects = [e for e in found.model.effects if e.name in fitted and not isinstance(e, ReadingEffect | SpeedEffect | WaveformEffect)]
-    return [Shape(e.name, {}, ({label: STEP * p.prior_scale(rotor)},)) for e in effects for p in e.parameters() for label in p.labels(layout)]

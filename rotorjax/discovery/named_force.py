@@ -4,15 +4,18 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
-from rotorjax.discovery.fit import Fit, fit
-from rotorjax.discovery.missing_force import Candidate, MissingForce, missing_force, regress
+from rotorjax.discovery.fit import Fit, cross_validated, fit_rivals
+from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
+from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.discovery.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import TERMS
-from rotorjax.model import Effect
+from rotorjax.effects.terms import TERMS, with_gap
+from rotorjax.model import Effect, Model
 
-LARGE_SHARE = 0.9
-"""Share of the missing force that a term must have to be tried in the place of several effects."""
+LARGE_SHARE = 0.8
+"""Share of the missing force that a term must have to be tried in the place of several effects where the regression wants more than it."""
+FITTED = 5
+"""Answers of the regression that are fitted in the response."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,6 +29,8 @@ class NamedForce:
     """Effects of the answer that are kept beside the terms; none where the terms do better on the model as declared."""
     fit: Fit | None
     """The terms, and those effects, fitted in the response."""
+    rivals: tuple[str, ...] = ()
+    """Words for other terms that do nearly as well there."""
 
     @property
     def enough(self) -> bool:
@@ -34,8 +39,14 @@ class NamedForce:
 
     @property
     def words(self) -> str:
-        """The terms in plain words."""
-        return " and ".join(term.words for term in self.terms)
+        """The terms in plain words, gaps as fitted."""
+        return _words(self.terms, self.fit)
+
+
+def _words(terms: tuple[Candidate, ...], fitted: Fit | None) -> str:
+    values = {} if fitted is None else {(e.entry.effect, e.entry.label): e.value for e in fitted.estimates}
+    inverse = [values.get((term.term, term.gap), 0.0) if term.gap else 0.0 for term in terms]
+    return " and ".join(with_gap(term.term, term.plain, one) if one else term.words for term, one in zip(terms, inverse, strict=True))
 
 
 def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce:
@@ -55,13 +66,18 @@ def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Ma
     return best
 
 
-def simpler_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce | None:
-    """Fewer terms than the answer has effects that explain as much, if there are: the answer is then one of two.
+def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce | None:
+    """Terms that explain as much as an answer of named effects, if there are: the answer is then one of two.
 
-    **Arguments:** as for `name_force`.
+    In the place of several effects fewer terms; in the place of one a single term that does much better, looked for only where something
+    is left beside the answer that a term would take away. **Arguments:** as for `name_force`.
     """
-    found = _named(declared, (), catalog, most=len(effects) - 1)
-    return found if found.enough and found.fit is not None and _score(found.fit) < _score(answer) else None
+    alone = len(effects) == 1
+    if alone and not _likely(answer, effects, catalog, 1)[1]:
+        return None
+    found = _named(declared, (), catalog, most=max(1, len(effects) - 1))
+    better = _score(answer) - (LEAST_GAIN if alone else 0.0)
+    return found if found.enough and found.fit is not None and _score(found.fit) < better else None
 
 
 def _score(fitted: Fit) -> float:
@@ -72,12 +88,33 @@ def _score(fitted: Fit) -> float:
 
 
 def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int | None = None) -> NamedForce:
-    """**Arguments:** ``most``: terms, if there are more, or if they leave much of the force, nothing is fitted."""
+    """The likeliest answer of the regression in the response, where the motion need not be known at orders that were not measured.
+
+    **Arguments:** ``most`` terms: where the regression wants more, only those that are most of the force by themselves are tried.
+    """
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
-    force = missing_force(model.with_orders(measurement.orders), measurement)
-    terms = tuple(t for t in regress(force, every, fitted=beside) if t.term not in model)
-    if not terms or (most is not None and (len(terms) > most or max(t.share for t in terms) < LARGE_SHARE)):
+    force, likely = _likely(found, beside, catalog, FITTED)
+    if most is not None and likely and len(likely[0]) > most:
+        likely = [terms for terms in likely if len(terms) <= most and max(t.share for t in terms) >= LARGE_SHARE]
+    if not (tried := likely):
         return NamedForce(force, (), beside, None)
+    fits = fit_rivals([_with(model, terms, beside, every) for terms in tried], measurement)
+    scores = [_score(fitted) for fitted in fits]
+    near = [k for k in range(len(tried)) if scores[k] < min(scores) + LEAST_GAIN]
+    best, *rivals = sorted(near, key=lambda k: (len(tried[k]), scores[k]))
+    words = (_words(tried[k], fits[k]) for k in rivals if not {t.term for t in tried[best]} <= {t.term for t in tried[k]})
+    return NamedForce(force, tried[best], beside, cross_validated(fits[best]), tuple(words))
+
+
+def _likely(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:
+    """The force that a fit lacks, and the answers of the regression, the effects ``beside`` giving way."""
+    model, measurement = found.model, found.stage.measurement
+    force = missing_force(model.with_orders(measurement.orders), measurement)
+    told = (tuple(t for t in terms if t.term not in model) for terms in answers(force, dict(catalog) | TERMS, fitted=beside, most=most))
+    return force, [terms for terms in told if terms]
+
+
+def _with(model: Model, terms: tuple[Candidate, ...], beside: tuple[str, ...], every: Mapping[str, type[Effect]]) -> tuple[Model, tuple[str, ...]]:
+    """A model with terms, and what of it is to be fitted."""
     full = model.plus([every[t.term](**t.coefficients) for t in terms])
-    names = tuple(name for name in (*beside, *(t.term for t in terms)) if name in full)
-    return NamedForce(force, terms, beside, fit(full, measurement, free=names))
+    return full, tuple(name for name in (*beside, *(t.term for t in terms)) if name in full)

@@ -341,9 +341,12 @@ class Shape(NamedTuple):
     @property
     def words(self) -> str:
         """What people call it, with the gap."""
-        if self.gap is None:
-            return self.plain
-        return f"{self.plain} {TERMS[self.term].reached if self.term in TERMS else 'beyond'} {1e3 / self.held[self.gap]:.2g} mm"
+        return self.plain if self.gap is None else with_gap(self.term, self.plain, self.held[self.gap])
+
+
+def with_gap(term: str, plain: str, inverse_gap: float) -> str:
+    """Words for a term with the size of its gap. **Arguments:** ``inverse_gap`` [1/m]."""
+    return f"{plain} {TERMS[term].reached if term in TERMS else 'beyond'} {1e3 / inverse_gap:.2g} mm"
 
 
 def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Reach) -> Iterator[Shape]:

@@ -158,6 +158,23 @@ def test_half_order_motion_beside_an_unstable_one():
     assert any("a stable one exists" in line for line in states.words())
 
 
+def test_two_motions_at_half_the_order_and_both_are_found():
+    """At 540 rad/s motion that repeats every turn is unstable, and where the rotor begins decides between two that take two turns."""
+    mass, stiffness, ratio, speed = 0.9686, (56538.0, 51282.0), (0.01, 0.05 / 3), 540.0
+    contact, gap, unbalance, orders = 5.4e4, 1.9e-4, 2e-5, (0.0, 0.5, 1.0, 2.0)
+    model = Model(Jeffcott(mass, list(stiffness), list(ratio), gravity=DOWN), layout=Layout(orders=orders)) + effects.Clearance(contact, 1 / gap)
+    states = steady_states(model, Conditions.at([speed], unbalance=[unbalance, 0.0]))
+    assert states.result.tolist() == [UNSTABLE]
+    found = [np.abs(other.vectors[:, 1]) for other in states.others[0] if other.stable]
+    damping = tuple(2 * r * np.sqrt(k * mass) for r, k in zip(ratio, stiffness, strict=True))
+    in_time = NonlinearRotor(mass, stiffness, damping, gravity=DOWN, unbalance=unbalance, forces=(clearance(contact, gap),), transient=400)
+    for begun in ([0.0, -2e-4, 0.0, 0.0], [-3e-4, -3e-4, 0.0, 0.1]):
+        orbit = in_time.orbit(speed, 2, np.array(begun))
+        expected = np.abs(2 * np.mean(orbit.position * np.exp(-0.5j * speed * orbit.times)[:, None], axis=0))
+        assert min(np.max(np.abs(half - expected)) for half in found) < 3e-3 * np.max(expected)
+    assert len(found) == 2
+
+
 def test_healthy_rotors_give_no_words():
     """A linear one alone, and the same with a probe that saturates, which does not change its motion."""
     rotor = Jeffcott(MASS, [STIFFNESS, 1.2 * STIFFNESS], [RATIO, 0.0], gravity=DOWN)

@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit
 from rotorjax.answer import explanation_json, explanation_text
-from rotorjax.discovery.missing_force import missing_force, regress
+from rotorjax.discovery.force_terms import regress
+from rotorjax.discovery.missing_force import missing_force
+from rotorjax.discovery.named_force import name_force
 
 import nonlinear_oracle as in_time
 from hidden import Machine, Plan
@@ -26,6 +28,12 @@ MODEL = Model(Jeffcott(MACHINE.mass, list(MACHINE.stiffness), list(MACHINE.ratio
 HIDDEN = {
     "cubic in x": (in_time.cubic_x(3e10), "term_cubic_x", {"cubic_n_per_m3": 3e10}),
     "dead band along x of 0.12 mm": (in_time.dead_band_x(2e4, GAP), "term_dead_band_x", {"stiffness_n_per_m": 2e4, "inverse_gap_per_m": 1 / GAP}),
+    "stop on one side along y at -0.11 mm": (
+        in_time.stop_below_y(1.5e4, GAP), "term_one_sided_stop_y", {"stiffness_n_per_m": 1.5e4, "inverse_gap_per_m": -1 / GAP},
+    ),
+    "square of x, stiffer on one side": (
+        in_time.square_x(400.0 * np.mean(MACHINE.stiffness)), "term_unsymmetrical_x", {"growth_per_m": 400.0},
+    ),
     "quadratic damping along x": (in_time.quadratic_damping_x(300.0), "term_quadratic_damping_x", {"damping_n_s2_per_m2": 300.0}),
     # The integration has its forces on the left-hand side; these terms push.
     "constant direction along x, once per turn": (in_time.pulsating(PUSH, 0.0), "term_pulsating_x", {"cosine_n": -PUSH.real, "sine_n": PUSH.imag}),
@@ -63,8 +71,28 @@ def test_term_is_named(words):
     assert found[0].term == term
     assert found[0].share > 0.9
     assert not found[0].rivals
-    assert_near(found[0].coefficients, values, 0.1)
+    # Orders above those measured, which a stop excites, are missing in the equation of motion.
+    assert_near(found[0].coefficients, values, 0.15 if "stop" in words else 0.1)
     assert len(found) == 1
+
+
+def test_the_response_corrects_a_stop():
+    force, _, values = HIDDEN["stop on one side along y at -0.11 mm"]
+    declared = fit(MODEL, measure(force), free=(), held_out=False)
+    found = name_force(declared, declared, ())
+    assert found.words == "stop on one side along y at -0.12 mm"
+    assert found.rivals == ()
+    assert found.enough
+    assert_near({e.entry.label: e.value for e in found.fit.estimates}, values, 0.03)
+
+
+def test_what_does_hardly_worse_is_said():
+    """A stop that only the largest vibrations reach: whatever else it may be, it is among what is said."""
+    force = in_time.dead_band_x(2e4, 1.35 * GAP)
+    declared = fit(MODEL, measure(force), free=(), held_out=False)
+    found = name_force(declared, declared, ())
+    assert any("dead band along x" in words for words in (found.words, *found.rivals))
+    assert found.enough
 
 
 def test_two_at_once():

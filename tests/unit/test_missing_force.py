@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Effect, Jeffcott, Layout, Measurement, Model, effects, plots, response
-from rotorjax.discovery.missing_force import missing_force, regress
+from rotorjax.discovery.force_terms import regress
+from rotorjax.discovery.missing_force import missing_force
 from rotorjax.effects.terms import TERMS, Reach, shapes
 
 ORDERS = (0.0, 1.0, 2.0, 3.0)
