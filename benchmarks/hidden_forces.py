@@ -23,6 +23,9 @@ from rotorjax.effects.terms import TERMS
 from rotorjax.io.files import write_whole
 from rotorjax.tables import number
 
+SEEN = 1.1
+"""Error over noise from which on there is something to explain."""
+
 
 def measured(drawn: Drawn) -> tuple[Model, Measurement]:
     """The model that knows nothing of the force, and what was measured."""
@@ -38,8 +41,10 @@ def measured(drawn: Drawn) -> tuple[Model, Measurement]:
     return Model(rotor, layout=Layout(orders=orders)), measurement
 
 
-def judged(drawn: Drawn, found: NamedForce) -> str:
-    """In a word, whether the answer is right."""
+def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
+    """In a word, whether the answer is right. **Arguments:** ``before``: what the model without the force leaves, over the noise."""
+    if before < SEEN:
+        return "too small to see" if not found.terms else "WRONG"
     if drawn.term is None:
         return "outside: left open" if not found.enough else "outside: terms are enough"
     names = [term.term for term in found.terms]
@@ -56,6 +61,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=24, help="number of cases (%(default)s)")
     parser.add_argument("--output", type=Path, help="folder for hidden_forces.md")
     arguments = parser.parse_args()
+    if arguments.output:
+        arguments.output.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
     rows = []
     for seed in range(arguments.first, arguments.first + arguments.seeds):
@@ -64,10 +71,11 @@ def main() -> None:
         declared = fit(model, measurement, free=(), held_out=False)
         found = name_force(declared, declared, ())
         noise = np.sqrt(2.0) * drawn.plan.sigma
-        before, after = (measurement.rms_of(f.predicted) / noise if f else None for f in (declared, found.fit))
+        before = measurement.rms_of(declared.predicted) / noise
+        after = measurement.rms_of(found.fit.predicted) / noise if found.fit else None
         orders = " ".join(str(order) for order in drawn.plan.orders)
         plan = f"{len(measurement.run)} cases, orders {orders}{', weight' if any(drawn.gravity) else ''}"
-        answer = [found.words, "; ".join(found.rivals), number(before, 3), number(after, 3), judged(drawn, found)]
+        answer = [found.words, "; ".join(found.rivals), number(before, 3), number(after, 3), judged(drawn, found, before)]
         rows.append([str(seed), f"{drawn.shape}, {drawn.axis}", plan, number(drawn.signal, 2), *answer])
         print(" | ".join(rows[-1]), flush=True)
     heads = ["seed", "hidden", "measured", "amplitude / noise", "named", "hardly worse", "rms before / noise", "after", "verdict"]

@@ -18,7 +18,7 @@ import jax
 
 from rotorjax import Explanation, explain, read_measurement, read_rig
 from rotorjax.answer import explanation_json, explanation_text, notes, sentence
-from rotorjax.cli import write_report
+from rotorjax.cli import progress_line, write_report
 from rotorjax.pictures import headline_figure
 from rotorjax.tables import Table, number
 
@@ -37,7 +37,9 @@ class Config:
 def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "rig.toml") -> Explanation:
     """Explain one measurement; write report, JSON and the explained model."""
     rig = read_rig(folder / rig_name)
-    found = explain(rig.model, read_measurement(folder / "measurement.csv", rig), max_effects=Config().max_effects)
+    with progress_line() as progress:
+        measurement = read_measurement(folder / "measurement.csv", rig)
+        found = explain(rig.model, measurement, max_effects=Config().max_effects, progress=lambda line: progress(f"{name}: {line}"))
     write_report(output / f"{name}.html", found, title=title)
     (output / f"{name}.json").write_text(json.dumps(explanation_json(found), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     rig.write(output / f"{name}_explained.toml", found.model)
@@ -45,14 +47,14 @@ def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "ri
 
 
 def real(data: Path, output: Path) -> Explanation:
-    print("1. REAL MEASUREMENTS: RK4 rotor kit, plane 2 (M. Nouioua, KFUPM; doi 10.5281/zenodo.23152815)\n")
+    print("1. REAL MEASUREMENTS: RK4 rotor kit, plane 2 (M. Nouioua, KFUPM; doi 10.5281/zenodo.23152815)\n", flush=True)
     found = solve(data / "rk4", output, "rk4", "RK4 rotor kit, plane 2: what a Jeffcott model lacks")
     print(explanation_text(found), end="\n\n\n")
     return found
 
 
 def hidden(data: Path, output: Path) -> dict[str, Explanation]:
-    print("2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n")
+    print("2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n", flush=True)
     found = {name: solve(data / "hidden" / name, output, f"hidden_{name}", f"Hidden effects, {name}") for name in Config().hidden}
     print(explanation_text(found[Config().in_full]), end="\n\n")
     with (Path(__file__).parent / "hidden_truth.toml").open("rb") as file:
@@ -73,7 +75,7 @@ def hidden(data: Path, output: Path) -> dict[str, Explanation]:
 
 
 def paper(data: Path, output: Path) -> tuple[Explanation, Explanation]:
-    print("3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (rebuilt, not measured)\n")
+    print("3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (rebuilt, not measured)\n", flush=True)
     told = []
     for rig, noise in (("rig.toml", "sensor noise of 1 µm alone"), ("rig_scatter.toml", "a few per cent of scatter allowed")):
         name = "paper" if rig == "rig.toml" else "paper_scatter"
@@ -90,6 +92,7 @@ def main() -> None:
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
+    print("Nine measurements are explained, each with a report: some four minutes on two cores, most of it compilation.\n", flush=True)
     arguments.output.mkdir(parents=True, exist_ok=True)
     with as_file(files("rotorjax") / "data") as data:
         rk4 = real(data, arguments.output)

@@ -38,7 +38,7 @@ def sentence(found: Explanation) -> str:
     parts = {
         "nothing missing": [_nothing(found), first],
         "explained": [f"Missing: {listed(found.effects)}.", first, _fall(found)],
-        "undecided": [f"Undecided: {listed(found.effects)}, but others do as well.", first, _fall(found)],
+        "undecided": [_undecided(found), first, _fall(found)],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
     named = _missing_force(found)
@@ -54,6 +54,12 @@ def _nothing(found: Explanation) -> str:
     if found.detected_but_small:
         return "Nothing is missing that matters."
     return "Nothing is missing that these data could show."
+
+
+def _undecided(found: Explanation) -> str:
+    if found.ties.tied or found.named_force is not None:
+        return f"Undecided: {listed(found.effects)}, but others do as well."
+    return f"Undecided: {listed(found.effects)}, but on data held out the error does not fall."
 
 
 def _unexplained(found: Explanation) -> str:

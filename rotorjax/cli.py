@@ -1,10 +1,11 @@
 """The command line. The only place that prints or sets JAX's global options."""
 
 import argparse
+import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -209,17 +210,26 @@ def _explain(options: argparse.Namespace) -> None:
     if held := [name for name in only or () if name in rig.model or name in declared]:
         how = "declares it uncertain, so that it is estimated along in any case" if held[0] in declared else "has it in [effects] already"
         raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
+    with progress_line() as progress:
+        found = explain(rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress)
+    print(explanation_text(found))
+    _write_outputs(options, rig, found.model, explanation_json(found), found, f"{options.data.name}: what {options.rig.name} lacks")
+
+
+@contextlib.contextmanager
+def progress_line() -> Iterator[Callable[[str], None]]:
+    """Shows what is being done on one line of standard error, gone at the end; nothing where that is no terminal."""
     shown = sys.stderr.isatty()
 
     def progress(line: str) -> None:
         if shown:
             print(f"\r\x1b[K{line} ...", end="", file=sys.stderr, flush=True)
 
-    found = explain(rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress)
-    if shown:
-        print("\r\x1b[K", end="", file=sys.stderr)
-    print(explanation_text(found))
-    _write_outputs(options, rig, found.model, explanation_json(found), found, f"{options.data.name}: what {options.rig.name} lacks")
+    try:
+        yield progress
+    finally:
+        if shown:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def _effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:

@@ -29,6 +29,8 @@ from rotorjax.model import AbstractRotor, Effect, Model
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
+CONFIRMED = 0.9
+"""Share of the error held out of the model as declared, below which that of the answer has to be."""
 LARGE = 0.1
 """Share of the measured size above which a residual of unknown noise is not put down to noise."""
 
@@ -74,6 +76,11 @@ class Explanation:
     def model(self) -> Model:
         """The model with what was added, fitted."""
         return self.story.final_model
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the effects found make the error fall on data held out too, as far as that was looked into."""
+        return _confirmed(self.story.fits)
 
     @property
     def restricted(self) -> bool:
@@ -166,7 +173,7 @@ def _answer(
     for other in ties.tied:
         proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    verdict = _verdict(selection, ties, p, fits[-1], contest)
+    verdict = _verdict(selection, ties, p, fits[-1], contest, confirmed=_confirmed(fits))
     named = None
     if verdict == "unexplained" and thorough and contest.measurement.rms > 0.0:
         progress("the force that is missing")
@@ -194,7 +201,7 @@ def _answer(
     )
 
 
-def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest) -> Verdict:
+def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, *, confirmed: bool) -> Verdict:
     m = contest.measurement
     if p is not None:
         structure = p.value <= UNEXPLAINED
@@ -206,7 +213,12 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
         return "unexplained"
     if not selection.effects:
         return "nothing missing"
-    return "undecided" if ties.tied else "explained"
+    return "explained" if confirmed and not ties.tied else "undecided"
+
+
+def _confirmed(fits: tuple[Fit, ...]) -> bool:
+    first, last = fits[0].held_out_rms, fits[-1].held_out_rms
+    return len(fits) == 1 or first is None or last is None or last < CONFIRMED * first
 
 
 def _nominal(last: Fit) -> float:

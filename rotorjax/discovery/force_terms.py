@@ -239,7 +239,7 @@ class _Search:
         return tuple(self._candidate(path, k, singles if count == 1 else pairs) for k in range(count))
 
     def others(self, answer: tuple[Candidate, ...], singles: list[_Fitted], most: int) -> list[tuple[Candidate, ...]]:
-        """Single terms, one of each kind: those of an answer of two, then the best others, which may reach their gap in few cases."""
+        """Single terms, one of each kind: those of an answer of two, what is alike, then the best others, which may reach their gap in few cases."""
         if most < 1:
             return []
         every = sorted([*singles, *self.fits([[entry] for entry in self._seldom])], key=self.cost)
@@ -248,8 +248,10 @@ class _Search:
             best_of.setdefault(single.own[0][0].term, single)
         own = [c.term for c in answer]
         parts = [term for term in own if len(own) > 1 and term in best_of]
-        terms = [*parts, *(term for term, single in best_of.items() if term in TERMS and term not in own and self._counts(self.none, single))]
-        return [(self._candidate([self.none, best_of[term]], 0, every),) for term in terms[:most]]
+        alike = [term for one in own if one in TERMS for term in TERMS[one].alike if term not in own]
+        terms = [*parts, *alike, *(term for term, single in best_of.items() if term in TERMS and term not in own and self._counts(self.none, single))]
+        chosen = list(dict.fromkeys(terms))[:most]
+        return [(self._candidate([self.none, best_of[term]], 0, every) if term in best_of else _unseen(term),) for term in chosen]
 
     def _counts(self, before: _Fitted, after: _Fitted) -> bool:
         return self.cost(before) > self.cost(after) + LEAST_GAIN and before.chi2 > after.chi2 + LEAST_SHARE * self.none.chi2
@@ -270,6 +272,12 @@ class _Search:
         return Candidate(
             shape.term, shape.words, shape.plain, shape.gap, coefficients, errors, fall / max(self.none.chi2, TINY), gain, tuple(dict.fromkeys(names))
         )
+
+
+def _unseen(term: str) -> Candidate:
+    """A term that does nothing to the orders measured along the motion measured: only the response can say what it would do."""
+    words = TERMS[term].words
+    return Candidate(term, words, words, None, {}, {}, 0.0, 0.0, ())
 
 
 def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:

@@ -1,6 +1,7 @@
 """None of these: the force that is missing, the simple terms that it looks like, and how well they do in the response."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 
@@ -10,10 +11,13 @@ from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.discovery.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS, with_gap
+from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 
 LARGE_SHARE = 0.8
 """Share of the missing force that a term must have to be tried in the place of several effects where the regression wants more than it."""
+UNSEEN = 30.0
+"""Prior scales allowed for a term of which the regression sees nothing."""
 FITTED = 5
 """Answers of the regression that are fitted in the response."""
 
@@ -98,12 +102,23 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
         likely = [terms for terms in likely if len(terms) <= most and max(t.share for t in terms) >= LARGE_SHARE]
     if not (tried := likely):
         return NamedForce(force, (), beside, None)
-    fits = fit_rivals([_with(model, terms, beside, every) for terms in tried], measurement)
+    fits = fit_rivals([_with(model, terms, beside, every) for terms in tried], _unprejudiced(measurement, model, tried, every))
     scores = [_score(fitted) for fitted in fits]
     near = [k for k in range(len(tried)) if scores[k] < min(scores) + LEAST_GAIN]
     best, *rivals = sorted(near, key=lambda k: (len(tried[k]), scores[k]))
     words = (_words(tried[k], fits[k]) for k in rivals if not {t.term for t in tried[best]} <= {t.term for t in tried[k]})
     return NamedForce(force, tried[best], beside, cross_validated(fits[best]), tuple(words))
+
+
+def _unprejudiced(measurement: Measurement, model: Model, tried: list[tuple[Candidate, ...]], every: Mapping[str, type[Effect]]) -> Measurement:
+    """With prior scales of terms as wide as what the regression found, and wide where it could find nothing: the data alone are to choose."""
+    priors = {name: dict(scales) for name, scales in measurement.knowledge.priors.items()}
+    for term in itertools.chain(*tried):
+        for declared in every[term.term].parameters():
+            value = abs(term.coefficients.get(declared.name, UNSEEN * declared.prior_scale(model.rotor)))
+            own = priors.setdefault(term.term, {})
+            own[declared.name] = max(own.get(declared.name, declared.prior_scale(model.rotor)), value)
+    return dataclasses.replace(measurement, knowledge=dataclasses.replace(measurement.knowledge, priors=priors))
 
 
 def _likely(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:

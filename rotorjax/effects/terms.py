@@ -52,6 +52,8 @@ class AxisForce(Effect):
     """What people call it, in a few words."""
     sides: ClassVar[tuple[float, ...]] = (1.0,)
     """Signs that the gap may have, if there is one."""
+    alike: ClassVar[tuple[str, ...]] = ()
+    """Terms that do nearly the same to some orders, so that only the response may tell them apart."""
     reached: ClassVar[str] = "of"
     """The word between these words and the size of the gap."""
 
@@ -75,6 +77,7 @@ class Cubic(AxisForce, RestoringEffect):
     source: ClassVar[str] = "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 4.1"
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "stiffness_error")
     sufficient: ClassVar[Plan] = AROUND
+    alike: ClassVar[tuple[str, ...]] = ("term_square_{a}", "term_unsymmetrical_{a}")
     cubic_n_per_m3: Array = parameter("cubic stiffness k", scale=1e-3, of="cubic")
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"cubic_n_per_m3": 0.3}, {"cubic_n_per_m3": -0.3})
 
@@ -92,6 +95,7 @@ class Square(AxisForce, RestoringEffect):
     source: ClassVar[str] = "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 2.3"
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "clearance")
     sufficient: ClassVar[Plan] = AROUND
+    alike: ClassVar[tuple[str, ...]] = ("term_cubic_{a}", "term_unsymmetrical_{a}")
     growth_per_m: Array = parameter("growth of stiffness κ with displacement, relative to the mean stiffness", scale=0.03, of="curvature")
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"growth_per_m": 0.3}, {"growth_per_m": -0.3})
 
@@ -112,6 +116,7 @@ class DeadBand(AxisForce, RestoringEffect):
     sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
+    alike: ClassVar[tuple[str, ...]] = ("term_one_sided_stop_{a}",)
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES)
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
 
@@ -130,6 +135,7 @@ class OneSidedStop(AxisForce, RestoringEffect):
     source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Muszynska, Rotordynamics, 2005, chapter 5"
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "rub")
     sufficient: ClassVar[Plan] = AROUND
+    alike: ClassVar[tuple[str, ...]] = ("term_dead_band_{a}",)
     stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter("one over the gap, negative where the stop is on the negative side", scale=0.2, of="curvature")
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
@@ -153,8 +159,11 @@ class Unsymmetrical(AxisForce, RestoringEffect):
     source: ClassVar[str] = "Ishida, Yamamoto, Linear and Nonlinear Rotordynamics, 2nd edition, 2012, section 6.2"
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "stiffness_error")
     sufficient: ClassVar[Plan] = TWICE
+    alike: ClassVar[tuple[str, ...]] = ("term_cubic_{a}",)
     growth_per_m: Array = parameter("growth of stiffness κ with displacement to one side, relative to the mean stiffness", scale=0.03, of="curvature")
-    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"growth_per_m": 0.3}, {"growth_per_m": -0.3})
+    # At 1X it acts by its square only, so that nothing leads away from zero.
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, *({"growth_per_m": side * share} for share in (0.1, 0.3, 1.0) for side in (1.0, -1.0)))
+    over_amplitude: ClassVar[tuple[str, ...]] = ("growth_per_m",)
 
     def force(self, instant: Instant) -> Array:
         return self.placed(jnp.mean(instant.rotor.stiffness) * self.growth_per_m * instant.position[self.axis()] ** 2)
@@ -276,6 +285,7 @@ def along(axis: int, shape: type[AxisForce]) -> type[AxisForce]:
         name: ClassVar[str] = said(shape.name)
         meaning: ClassVar[str] = said(shape.meaning)
         words: ClassVar[str] = said(shape.words)
+        alike: ClassVar[tuple[str, ...]] = tuple(said(name) for name in shape.alike)
 
         def axis(self) -> int:
             return axis
@@ -356,7 +366,7 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
         if not hooks or issubclass(cls, SupportEffect | SpeedEffect | ReadingEffect) or any(p.axes for p in cls.parameters()):
             continue
         scale = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters()}
-        if cls.over_amplitude:
+        if "inverse_gap_per_m" in cls.over_amplitude:
             sides = cls.sides if issubclass(cls, AxisForce) else AxisForce.sides
             yield from (beyond(cls, rotor, reach, side * share) for side in sides for share in GAPS)
         elif name == "crack":
