@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= output
+# Test processes; each takes up to 4 GB.
+WORKERS ?= 2
 
 .PHONY: install run test lint benchmark paper notebooks clean
 
@@ -22,7 +24,7 @@ run: $(VENV)/.installed
 	$(BIN)/python experiments/stories.py --output $(OUTPUT)
 
 test: $(VENV)/.tested
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 lint: $(VENV)/.tested
 	$(BIN)/ruff check .
@@ -34,6 +36,7 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python benchmarks/dataset.py
 	$(BIN)/python benchmarks/training.py
+	$(BIN)/python benchmarks/hidden_forces.py --output benchmarks/results
 	$(BIN)/python experiments/train_network.py --no-times --output benchmarks/results
 	$(BIN)/python experiments/train_conditioned.py --output benchmarks/results
 

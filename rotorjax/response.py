@@ -86,6 +86,15 @@ def vectors_from(
     return jax.vmap(one)(conditions, motions)
 
 
+def searched_motions(model: Model, conditions: Conditions) -> Float[Array, "case speed dof coefficient"]:
+    """Steady motions of which nothing is known before, in the shape of `vectors_from`; not a number where none is found."""
+
+    def one(condition: Conditions) -> Array:
+        return jax.vmap(lambda speed: timed_vectors(model, dataclasses.replace(condition, speed=speed))[1].coefficients)(_speeds(model, condition))
+
+    return _by_few(one, conditions)
+
+
 def motions_of(
     model: Model, conditions: Conditions, shown: Complex[Array, "case probe order"], present: Bool[Array, "case probe order"]
 ) -> Float[Array, "case speed dof coefficient"]:

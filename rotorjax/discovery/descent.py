@@ -16,7 +16,7 @@ from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Des
 from rotorjax.discovery.data import LEAST_CASES, Data, filled, half_order_sign, size_class
 from rotorjax.harmonic import NEWTON_STEPS
 from rotorjax.model import Conditions, Layout
-from rotorjax.response import motions_of, vectors, vectors_from
+from rotorjax.response import motions_of, searched_motions, vectors, vectors_from
 from rotorjax.space import Space
 from rotorjax.steady import without_timed
 
@@ -29,7 +29,7 @@ LEG, LEGS, TIMED_LEG = 12, 5, 4
 HOPELESS, TIMED_HOPELESS = 300.0, 40.0
 """Cost above the best known on the same cases with which a descent does not go on for more than two legs; where orders are balanced together."""
 SURE = 2
-"""Sets of unknowns that are descended to where orders are balanced together, however little their first order promises."""
+"""Sets of unknowns that are descended to where orders are balanced together, however little their first order promises; and searches for a motion."""
 LEAST_GAIN = 1.0
 """Fall of the cost below which an effect cannot be detected."""
 KEPT_RIVALS = (3, 2, 1)
@@ -209,7 +209,7 @@ def descend(
     fixed = np.where(free, 0.0, space.given_unknowns() if kept is None else kept)
     timed = space.timed() & (free | (fixed != 0.0))
     ends: list[End | None] = [None] * len(starts)
-    kinds = np.unique(np.asarray(training, bool), axis=0, return_inverse=True)[1].ravel()
+    kinds = _numbered(np.asarray(training, bool))
     least = np.array([start.least for start in starts])
     for shared in (False, True):
         chosen = np.flatnonzero(timed.any(axis=1) == shared)
@@ -238,6 +238,11 @@ def _tasks(space: Space, data: Data, fixed: np.ndarray, free: np.ndarray, traini
     if shift is not None:
         moved[:, :cases] = shift
     return _Task(fixed, chosen, counted, moved, _absorbed(whole, counted), np.zeros((len(fixed), 0)))
+
+
+def _numbered(rows: AnyArray) -> Int[np.ndarray, "row"]:
+    """A number for each row, the same for rows that are alike."""
+    return np.unique(np.asarray(rows), axis=0, return_inverse=True)[1].ravel()
 
 
 def _picked(starts: list[Start], index: np.ndarray) -> list[Start]:
@@ -272,24 +277,33 @@ class _Group:
         known = np.array([k for k, start in enumerate(starts) if start.motions is not None and not self.manner.first_order], int)
         if len(known):
             motions = np.stack([self._filled(starts[k].motions) for k in known.tolist()])
-            ends |= dict(zip(known.tolist(), self._legs(point[known], _taken(tasks, known)._replace(motions=motions), bar[known]), strict=True))
+            found = self._legs(point[known], _taken(tasks, known)._replace(motions=motions), bar[known])
+            ends |= {k: end for k, end in zip(known.tolist(), found, strict=True) if math.isfinite(end.cost)}
         fresh = np.array([k for k in range(len(starts)) if k not in ends], int)
         if len(fresh):
             ends |= dict(zip(fresh.tolist(), self._near_measured(_picked(starts, fresh), _taken(tasks, fresh), point[fresh]), strict=True))
-        worth = np.array([] if self.manner.first_order else self._worth(starts, ends, fresh, tasks, bar), int)
-        if len(worth):
-            point = np.stack([np.asarray(tasks.chosen)[k].T @ ends[k].point for k in worth.tolist()])
-            motions = np.stack([self._filled(ends[k].motions) for k in worth.tolist()])
-            for k, end in zip(worth.tolist(), self._legs(point, _taken(tasks, worth)._replace(motions=motions), bar[worth]), strict=True):
-                ends[k] = end if math.isfinite(end.cost) else ends[k]
+        worth = [] if self.manner.first_order else self._worth(starts, ends, fresh, tasks, bar)
+        self._balance(ends, {k: self._filled(ends[k].motions) for k in worth}, tasks, bar)
+        # Near the motion measured, with its noise, there may be none that friction lets be found.
+        lost = sorted((k for k in worth if not ends[k].exact), key=lambda k: ends[k].cost)[:SURE]
+        self._balance(ends, {k: np.asarray(_searched_motions(self.space, self.data, ends[k].point)) for k in lost}, tasks, bar)
         return [ends[k] for k in range(len(starts))]
+
+    def _balance(self, ends: dict[int, End], near: dict[int, np.ndarray], tasks: _Task, bar: np.ndarray) -> None:
+        """Go on from some ends with the orders balanced, from motions ``near``; an end for which that fails stays as it is."""
+        if not near:
+            return
+        chosen = np.array(list(near), int)
+        point = np.stack([np.asarray(tasks.chosen)[k].T @ ends[k].point for k in near])
+        found = self._legs(point, _taken(tasks, chosen)._replace(motions=np.stack(list(near.values()))), bar[chosen])
+        ends.update({k: end for k, end in zip(near, found, strict=True) if math.isfinite(end.cost)})
 
     def _filled(self, motions: np.ndarray) -> np.ndarray:
         return np.concatenate([motions, np.repeat(motions[-1:], len(self.data.run) - self.cases, axis=0)])
 
     def _worth(self, starts: list[Start], ends: dict[int, End], fresh: np.ndarray, tasks: _Task, bar: np.ndarray) -> list[int]:
         """Those laid along the measured motion that are worth a descent: near the best known, or among the best of their kind."""
-        trained = np.unique(tasks.training, axis=0, return_inverse=True)[1].ravel()
+        trained = _numbered(tasks.training)
         worth: list[int] = []
         for kind in np.unique(trained[fresh]):
             own = np.flatnonzero(trained == kind).tolist()
@@ -327,9 +341,9 @@ class _Group:
         count = len(point)
         damping, steps = np.full(count, FIRST_DAMPING), np.zeros(count, int)
         columns = [np.flatnonzero(task.sum(axis=1)) for task in np.asarray(tasks.chosen)]
-        trained = np.unique(tasks.training, axis=0, return_inverse=True)[1].ravel()
+        trained = _numbered(tasks.training)
         free = np.asarray(tasks.chosen).sum(axis=2) > 0.0
-        rivals = np.unique(np.column_stack([free, trained]), axis=0, return_inverse=True)[1].ravel() if self.rivalry else np.arange(count)
+        rivals = _numbered(np.column_stack([free, trained])) if self.rivalry else np.arange(count)
         ends: list[End | None] = [None] * count
         waiting = np.arange(count)
         per_round = LEG // TIMED_LEG if self.shared else 1
@@ -348,6 +362,11 @@ class _Group:
 def _measured_motions(space: Space, data: Data, starts: AnyArray) -> Float[Array, "start case speed dof coefficient"]:
     measured = jax.lax.complex(jnp.asarray(data.pairs[..., 0]), jnp.asarray(data.pairs[..., 1]))
     return jax.vmap(lambda start: motions_of(space.at(start), data.conditions, measured, jnp.asarray(data.weight[..., 0]) > 0.0))(jnp.asarray(starts))
+
+
+@eqx.filter_jit
+def _searched_motions(space: Space, data: Data, point: AnyArray) -> Float[Array, "case speed dof coefficient"]:
+    return searched_motions(space.at(jnp.asarray(point)), data.conditions)
 
 
 def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np.ndarray, "start case cell latent"]:

@@ -248,8 +248,9 @@ class _Search:
             best_of.setdefault(single.own[0][0].term, single)
         own = [c.term for c in answer]
         parts = [term for term in own if len(own) > 1 and term in best_of]
-        alike = [term for one in own if one in TERMS for term in TERMS[one].alike if term not in own]
-        terms = [*parts, *alike, *(term for term, single in best_of.items() if term in TERMS and term not in own and self._counts(self.none, single))]
+        others = [term for term, single in best_of.items() if term in TERMS and term not in own and self._counts(self.none, single)]
+        alike = [term for one in [*own, *others[:1]] if one in TERMS for term in TERMS[one].alike if term not in own]
+        terms = [*parts, *others[:1], *alike, *others[1:]]
         chosen = list(dict.fromkeys(terms))[:most]
         return [(self._candidate([self.none, best_of[term]], 0, every) if term in best_of else _unseen(term),) for term in chosen]
 

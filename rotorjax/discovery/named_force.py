@@ -18,7 +18,7 @@ LARGE_SHARE = 0.8
 """Share of the missing force that a term must have to be tried in the place of several effects where the regression wants more than it."""
 UNSEEN = 30.0
 """Prior scales allowed for a term of which the regression sees nothing."""
-FITTED = 5
+FITTED = 7
 """Answers of the regression that are fitted in the response."""
 
 
