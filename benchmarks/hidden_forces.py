@@ -17,9 +17,9 @@ import numpy as np
 import tabulate
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from drawn_forces import Drawn, draw
+from drawn_forces import Drawn, draw, measured
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, fit
+from rotorjax import fit
 from rotorjax.discovery.named_force import NamedForce, name_force
 from rotorjax.effects.terms import TERMS
 from rotorjax.io.files import write_whole
@@ -36,20 +36,6 @@ SEEN = 1.1
 """Error over noise from which on there is something to explain."""
 
 
-def measured(drawn: Drawn) -> tuple[Model, Measurement]:
-    """The model that knows nothing of the force, and what was measured."""
-    machine, plan = drawn.machine, drawn.plan
-    orders = tuple(float(order) for order in plan.orders)
-    rotor = Jeffcott(machine.mass, list(machine.stiffness), list(machine.ratio), gravity=list(drawn.gravity))
-    run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
-    unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
-    conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance)
-    shape = drawn.vectors.shape
-    there, sigma = np.ones(shape, bool), np.full(shape, plan.sigma)
-    measurement = Measurement(tuple(plan.weights), ("X", "Y"), orders, run, ("",) * len(run), conditions, drawn.vectors, there, sigma, "given")
-    return Model(rotor, layout=Layout(orders=orders)), measurement
-
-
 def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
     """In a word, whether the answer is right. **Arguments:** ``before``: what the model without the force leaves, over the noise."""
     if before < SEEN and not found.terms:
@@ -59,9 +45,9 @@ def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
     names = [term.term for term in found.terms]
     if names == [drawn.term]:
         return "right"
-    if any(rival.startswith(TERMS[drawn.term].words) for rival in found.rivals):
+    if any(TERMS[drawn.term].words in rival for rival in found.rivals):
         return "among several"
-    return "with others" if drawn.term in names else "nothing" if not names else "left open" if not found.enough else "WRONG"
+    return "with others" if drawn.term in names else "left open" if not found.enough else "WRONG"
 
 
 def summary(rows: list[list[str]]) -> str:

@@ -57,9 +57,9 @@ def _nothing(found: Explanation) -> str:
 
 
 def _undecided(found: Explanation) -> str:
-    if found.ties.tied or found.named_force is not None:
-        return f"Undecided: {listed(found.effects)}, but others do as well."
-    return f"Undecided: {listed(found.effects)}, but on data held out the error does not fall."
+    others = ["others do as well"] if found.ties.tied or found.named_force is not None else []
+    fails = [] if found.confirmed else ["on data held out the error does not fall"]
+    return f"Undecided: {listed(found.effects)}, but {listed([*others, *fails])}."
 
 
 def _unexplained(found: Explanation) -> str:
@@ -117,7 +117,7 @@ def _missing_force(found: Explanation) -> list[str]:
     if found.verdict != "unexplained":
         how = "A simpler force would do as well" if len(named.terms) < len(found.effects) else "A force outside the catalogue would do better"
         return [f"{how}, {beside}: {words}. With it alone the error is {after} µm rms{held}."]
-    rest = ", which is what the noise allows" if named.enough else ", still more than the noise"
+    rest = ", which is what the noise allows" if named.enough else "" if found.contest.measurement.sigma is None else ", still more than the noise"
     return [f"The force that is missing {beside} looks like this: {words}. Added as a term it brings the error to {after} µm rms{held}{rest}."]
 
 
@@ -128,10 +128,10 @@ def missing_force_table(named: NamedForce) -> Table | None:
     values = {(e.entry.effect, e.entry.label): e for e in named.fit.estimates}
     rows = []
     for term in named.terms:
-        for name, value in term.coefficients.items():
-            unit, e = unit_of(name), values.get((term.term, name))
+        for name in dict.fromkeys([*term.coefficients, *(label for effect, label in values if effect == term.term)]):
+            unit, value, e = unit_of(name), term.coefficients.get(name), values.get((term.term, name))
             fitted = [number(e.value / unit.factor), number(e.standard_error / unit.factor, 2)] if e is not None else ["", ""]
-            rows.append([f"{term.term}.{name}", term.words, number(value / unit.factor), *fitted, unit.shown])
+            rows.append([f"{term.term}.{name}", term.plain, "" if value is None else number(value / unit.factor), *fitted, unit.shown])
     note = "Add a term by `rotorjax compare --effect NAME`, or hand it to explain by catalog=CATALOG | TERMS (rotorjax.effects.terms)."
     others = sorted({words for term in named.terms for words in term.rivals})
     note += f" Nearly as well in the equation of motion: {'; '.join(others)}." if others else ""

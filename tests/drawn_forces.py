@@ -1,8 +1,10 @@
-"""Machines, plans and forces along one axis drawn by seed, integrated in time: nothing here is shared with the code under test."""
+"""Machines, plans and forces along one axis drawn by seed, integrated in time: what is drawn shares nothing with the code under test."""
 
 import dataclasses
 
 import numpy as np
+
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model
 
 import nonlinear_oracle as in_time
 from hidden import Machine, Plan
@@ -106,3 +108,17 @@ def _force(shape: str, axis: int, stiffness: float, ratio: float, frequency: flo
         return np.array(parts)
 
     return force
+
+
+def measured(drawn: Drawn) -> tuple[Model, Measurement]:
+    """The model that knows nothing of the force, and what was measured."""
+    machine, plan = drawn.machine, drawn.plan
+    orders = tuple(float(order) for order in plan.orders)
+    rotor = Jeffcott(machine.mass, list(machine.stiffness), list(machine.ratio), gravity=list(drawn.gravity))
+    run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
+    unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
+    conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance)
+    shape = drawn.vectors.shape
+    there, sigma = np.ones(shape, bool), np.full(shape, plan.sigma)
+    measurement = Measurement(tuple(plan.weights), ("X", "Y"), orders, run, ("",) * len(run), conditions, drawn.vectors, there, sigma, "given")
+    return Model(rotor, layout=Layout(orders=orders)), measurement

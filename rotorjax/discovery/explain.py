@@ -29,8 +29,6 @@ from rotorjax.model import AbstractRotor, Effect, Model
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
-CONFIRMED = 0.9
-"""Share of the error held out of the model as declared, below which that of the answer has to be."""
 LARGE = 0.1
 """Share of the measured size above which a residual of unknown noise is not put down to noise."""
 
@@ -135,7 +133,8 @@ def explain(
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
     those in ``exclude``; ``catalog``: effects by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with
-    held-out error, p-value and, where nothing explains, the missing force; ``progress``: called with a line of text at every stage.
+    held-out error and p-value, both of which count for the verdict, and the missing force, looked at where nothing explains and compared with
+    what was found elsewhere; ``progress``: called with a line of text at every stage.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
@@ -180,7 +179,7 @@ def _answer(
         named = name_force(fits[0], fits[-1], selection.effects, catalog)
     elif thorough and selection.effects:
         progress("whether a force outside the catalogue would do as well")
-        named = other_force(fits[0], fits[-1], selection.effects, catalog)
+        named = other_force(fits[0], fits[-1], selection.effects)
         verdict = verdict if named is None else "undecided"
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
@@ -218,7 +217,7 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
 
 def _confirmed(fits: tuple[Fit, ...]) -> bool:
     first, last = fits[0].held_out_rms, fits[-1].held_out_rms
-    return len(fits) == 1 or first is None or last is None or last < CONFIRMED * first
+    return len(fits) == 1 or first is None or last is None or last < first
 
 
 def _nominal(last: Fit) -> float:

@@ -148,7 +148,8 @@ def _stage(model: Model, everything: Model, measurement: Measurement, names: tup
     for effect in everything.effects:
         company |= set(type(effect).relatives)
     classes = CATALOG | {e.name: type(e) for e in everything.effects}
-    full = with_company(model.with_orders(measurement.orders), company, classes)
+    # A user's effect may name relatives that nobody handed over.
+    full = with_company(model.with_orders(measurement.orders), company & classes.keys(), classes)
     space = make_space(full, measurement.knowledge)
     keep = frozenset({e.name for e in model.effects} | uncertain)
     return Stage(space, measurement, names, space.free(list(names), fixed), keep)

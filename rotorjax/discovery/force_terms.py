@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from rotorjax.discovery.missing_force import Balance, MissingForce, equations
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import STEP, TERMS, Shape, beyond, shapes
+from rotorjax.effects.terms import GAP, STEP, TERMS, Shape, beyond, shapes
 from rotorjax.model import Effect, ReadingEffect, SpeedEffect, WaveformEffect
 
 FINER = (-0.05, -0.035, -0.02, -0.01, 0.01, 0.02, 0.035, 0.05)
@@ -132,10 +132,10 @@ def regress(found: MissingForce, catalog: Mapping[str, type[Effect]] = CATALOG |
 def answers(
     found: MissingForce, catalog: Mapping[str, type[Effect]] = CATALOG | TERMS, *, fitted: Collection[str] = (), most: int
 ) -> list[tuple[Candidate, ...]]:
-    """The answer of `regress`, and single terms that do worse in the equation of motion but may do better in the response.
+    """The answer of `regress`, and single terms that do worse in the equation of motion but may do better in the response: what is alike, and the next best.
 
     There the motion need not be known at orders that were not measured. **Arguments:** as for `regress`; ``most`` answers.
-    **Returns** the answer of `regress` first, then its terms by themselves, then the next best outside the catalogue of named effects.
+    **Returns** the answer of `regress` first, then its terms by themselves, then others outside the catalogue of named effects.
     """
     if found.balance is None:
         return []
@@ -239,7 +239,7 @@ class _Search:
         return tuple(self._candidate(path, k, singles if count == 1 else pairs) for k in range(count))
 
     def others(self, answer: tuple[Candidate, ...], singles: list[_Fitted], most: int) -> list[tuple[Candidate, ...]]:
-        """Single terms, one of each kind: those of an answer of two, what is alike, then the best others, which may reach their gap in few cases."""
+        """Single terms: those of an answer of two, the best other, what is alike, further others. They may reach their gap in few cases."""
         if most < 1:
             return []
         every = sorted([*singles, *self.fits([[entry] for entry in self._seldom])], key=self.cost)
@@ -249,7 +249,8 @@ class _Search:
         own = [c.term for c in answer]
         parts = [term for term in own if len(own) > 1 and term in best_of]
         others = [term for term, single in best_of.items() if term in TERMS and term not in own and self._counts(self.none, single)]
-        alike = [term for one in [*own, *others[:1]] if one in TERMS for term in TERMS[one].alike if term not in own]
+        usable = {term for term in self._catalog if term not in self._found.model and term not in own}
+        alike = [term for one in [*own, *others[:1]] if one in TERMS for term in TERMS[one].alike if term in usable]
         terms = [*parts, *others[:1], *alike, *others[1:]]
         chosen = list(dict.fromkeys(terms))[:most]
         return [(self._candidate([self.none, best_of[term]], 0, every) if term in best_of else _unseen(term),) for term in chosen]
@@ -276,9 +277,9 @@ class _Search:
 
 
 def _unseen(term: str) -> Candidate:
-    """A term that does nothing to the orders measured along the motion measured: only the response can say what it would do."""
-    words = TERMS[term].words
-    return Candidate(term, words, words, None, {}, {}, 0.0, 0.0, ())
+    """A term that the regression could not try, as it does nothing to the orders measured: only the response can say what it would do."""
+    words, gap = TERMS[term].words, next((name for name in TERMS[term].over_amplitude if name == GAP), None)
+    return Candidate(term, words, words, gap, {}, {}, 0.0, 0.0, ())
 
 
 def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:

@@ -39,7 +39,7 @@ class NamedForce:
     @property
     def enough(self) -> bool:
         """Whether the terms leave no more than the noise of the table."""
-        return self.fit is not None and self.fit.reduced_chi2 is not None and self.fit.reduced_chi2 <= LARGEST_HEALTHY_CHI2
+        return self.fit is not None and _enough(self.fit)
 
     @property
     def words(self) -> str:
@@ -70,16 +70,16 @@ def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Ma
     return best
 
 
-def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce | None:
+def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedForce | None:
     """Terms that explain as much as an answer of named effects, if there are: the answer is then one of two.
 
     In the place of several effects fewer terms; in the place of one a single term that does much better, looked for only where something
-    is left beside the answer that a term would take away. **Arguments:** as for `name_force`.
+    is left beside the answer that a term would take away. None where the noise is unknown. **Arguments:** as for `name_force`.
     """
     alone = len(effects) == 1
-    if alone and not _likely(answer, effects, catalog, 1)[1]:
+    if declared.stage.measurement.sigma is None or (alone and not _likely(answer, effects, {}, 1)[1]):
         return None
-    found = _named(declared, (), catalog, most=max(1, len(effects) - 1))
+    found = _named(declared, (), {}, most=max(1, len(effects) - 1))
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
     return found if found.enough and found.fit is not None and _score(found.fit) < better else None
 
@@ -100,24 +100,36 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
     force, likely = _likely(found, beside, catalog, FITTED)
     if most is not None and likely and len(likely[0]) > most:
         likely = [terms for terms in likely if len(terms) <= most and max(t.share for t in terms) >= LARGE_SHARE]
-    if not (tried := likely):
+    if not likely:
         return NamedForce(force, (), beside, None)
-    fits = fit_rivals([_with(model, terms, beside, every) for terms in tried], _unprejudiced(measurement, model, tried, every))
-    scores = [_score(fitted) for fitted in fits]
-    near = [k for k in range(len(tried)) if scores[k] < min(scores) + LEAST_GAIN]
-    best, *rivals = sorted(near, key=lambda k: (len(tried[k]), scores[k]))
-    words = (_words(tried[k], fits[k]) for k in rivals if not {t.term for t in tried[best]} <= {t.term for t in tried[k]})
-    return NamedForce(force, tried[best], beside, cross_validated(fits[best]), tuple(words))
+    fits = fit_rivals([_with(model, terms, beside, every) for terms in likely], _unprejudiced(measurement, model, likely, every))
+    scores = {k: _score(fitted) for k, fitted in enumerate(fits) if _believable(fitted)}
+    if not scores:
+        return NamedForce(force, (), beside, None)
+    near = [k for k, score in scores.items() if score < min(scores.values()) + LEAST_GAIN]
+    best, *rivals = sorted(near, key=lambda k: (not _enough(fits[k]), len(likely[k]), scores[k]))
+    words = (_words(likely[k], fits[k]) for k in rivals if not {t.term for t in likely[best]} <= {t.term for t in likely[k]})
+    return NamedForce(force, likely[best], beside, cross_validated(fits[best]), tuple(words))
+
+
+def _believable(fitted: Fit) -> bool:
+    """Whether a steady motion was found, and nothing speaks against the values."""
+    objections = (e.objection(fitted.model.rotor) for e in fitted.model.effects if e.name in TERMS)
+    return fitted.end.exact and math.isfinite(_score(fitted)) and all(objection is None for objection in objections)
+
+
+def _enough(fitted: Fit) -> bool:
+    return fitted.reduced_chi2 is not None and fitted.reduced_chi2 <= LARGEST_HEALTHY_CHI2
 
 
 def _unprejudiced(measurement: Measurement, model: Model, tried: list[tuple[Candidate, ...]], every: Mapping[str, type[Effect]]) -> Measurement:
-    """With prior scales of terms as wide as what the regression found, and wide where it could find nothing: the data alone are to choose."""
+    """With prior scales of terms as wide as what the regression found, and wide where it could try nothing: the data alone are to choose."""
     priors = {name: dict(scales) for name, scales in measurement.knowledge.priors.items()}
     for term in itertools.chain(*tried):
         for declared in every[term.term].parameters():
-            value = abs(term.coefficients.get(declared.name, UNSEEN * declared.prior_scale(model.rotor)))
-            own = priors.setdefault(term.term, {})
-            own[declared.name] = max(own.get(declared.name, declared.prior_scale(model.rotor)), value)
+            own, scale = priors.setdefault(term.term, {}), declared.prior_scale(model.rotor)
+            found = abs(term.coefficients.get(declared.name, 0.0)) if term.coefficients else UNSEEN * scale
+            own[declared.name] = max(own.get(declared.name, scale), found)
     return dataclasses.replace(measurement, knowledge=dataclasses.replace(measurement.knowledge, priors=priors))
 
 

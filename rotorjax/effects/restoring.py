@@ -26,7 +26,7 @@ def length(pair: Array, smallest: float = TINY) -> Array:
 
 
 def beyond_gap(radius: Array, inverse_gap: Array) -> Array:
-    """max(r - gap, 0); the gap is infinite where its inverse is zero or negative."""
+    """max(r - gap, 0), infinite the gap whose inverse is zero; of a place x on an axis and a negative gap min(x - gap, 0)."""
     touching = inverse_gap * radius > 1.0
     return jnp.where(touching, radius - 1.0 / jnp.where(touching, inverse_gap, 1.0), 0.0)
 
@@ -37,21 +37,26 @@ def pressed(instant: Instant, stiffness: Array, inverse_gap: Array) -> Array:
     return stiffness * beyond_gap(radius, inverse_gap) / radius
 
 
+def pull_objection(stiffness: Array) -> str | None:
+    """What speaks against the stiffness of a stop."""
+    return "has a negative stiffness: a stop that pulls" if float(stiffness) < 0.0 else None
+
+
 def stop_objection(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
     """What speaks against a stop: it pulls, or the rotor at rest lies in it."""
     sag = float(rotor.mass * jnp.hypot(rotor.gravity[0], rotor.gravity[1]) / jnp.mean(rotor.stiffness))
-    if float(stiffness) < 0.0:
-        return "has a negative stiffness: a stop that pulls"
+    if said := pull_objection(stiffness):
+        return said
     if float(stiffness) > 0.0 and float(inverse_gap) * sag > 1.0:
         gap, sag = 1.0 / (float(inverse_gap) * MICROMETRE), sag / MICROMETRE
         return f"has a gap of {gap:.3g} µm, less than the {sag:.3g} µm by which the weight bends the shaft: the rotor lies in it even at rest"
     return None
 
 
-def depth_objection(rotor: AbstractRotor, loss_x: Array, loss_y: Array) -> str | None:
+def depth_objection(rotor: AbstractRotor, loss_x: Array, loss_y: Array, where: str = "") -> str | None:
     """What speaks against a loss of stiffness that turns with the shaft: the shaft has less."""
     loss, least = float(jnp.hypot(loss_x, loss_y)), float(jnp.min(rotor.stiffness))
-    return f"takes {loss:.3g} N/m, more than the {least:.3g} N/m that the shaft has" if loss > least else None
+    return f"takes {loss:.3g} N/m{where}, more than the {least:.3g} N/m that the shaft has" if loss > least else None
 
 
 class Duffing(RestoringEffect):
@@ -162,8 +167,7 @@ class AsymmetricShaft(RestoringEffect):
         return jnp.stack([turned[0] * x + turned[1] * y, turned[1] * x - turned[0] * y])
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        said = depth_objection(rotor, self.difference_x_n_per_m, self.difference_y_n_per_m)
-        return said and f"{said} on its soft side"
+        return depth_objection(rotor, self.difference_x_n_per_m, self.difference_y_n_per_m, " on its soft side")
 
 
 class QuadraticDamping(RestoringEffect):

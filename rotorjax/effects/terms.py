@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from rotorjax.effects import CATALOG
-from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap
+from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap, pull_objection
 from rotorjax.model import (
     AbstractRotor,
     Effect,
@@ -120,6 +120,9 @@ class DeadBand(AxisForce, RestoringEffect):
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES)
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
 
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return pull_objection(self.stiffness_n_per_m)
+
     def force(self, instant: Instant) -> Array:
         at = instant.position[self.axis()]
         return self.placed(self.stiffness_n_per_m * jnp.sign(at) * beyond_gap(jnp.abs(at), self.inverse_gap_per_m))
@@ -144,6 +147,9 @@ class OneSidedStop(AxisForce, RestoringEffect):
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
     sides: ClassVar[tuple[float, ...]] = (1.0, -1.0)
     reached: ClassVar[str] = "at"
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return pull_objection(self.stiffness_n_per_m)
 
     def force(self, instant: Instant) -> Array:
         return self.placed(self.stiffness_n_per_m * beyond_gap(instant.position[self.axis()], self.inverse_gap_per_m))
@@ -307,6 +313,8 @@ NAMED: MappingProxyType[str, type[Effect]] = MappingProxyType({**CATALOG, **TERM
 
 GAPS = tuple(float(share) for share in np.linspace(0.2, 0.95, 12))
 """Gaps to try, in the largest displacement."""
+GAP = "inverse_gap_per_m"
+"""The parameter that is one over a gap."""
 CRACK_ANGLES = 12
 RUB_FRICTION = 0.2
 STEP = 1e-2
@@ -366,7 +374,7 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
         if not hooks or issubclass(cls, SupportEffect | SpeedEffect | ReadingEffect) or any(p.axes for p in cls.parameters()):
             continue
         scale = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters()}
-        if "inverse_gap_per_m" in cls.over_amplitude:
+        if GAP in cls.over_amplitude:
             sides = cls.sides if issubclass(cls, AxisForce) else AxisForce.sides
             yield from (beyond(cls, rotor, reach, side * share) for side in sides for share in GAPS)
         elif name == "crack":
@@ -382,7 +390,6 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
 def beyond(cls: type[Effect], rotor: AbstractRotor, reach: Reach, share: float) -> Shape:
     """A force beyond a gap that is this share of the largest displacement, along the term's axis or radially; negative: on the negative side."""
     largest = reach[cls().axis()] if issubclass(cls, AxisForce) else reach.radius
-    gap = cls.over_amplitude[0]
-    held = {gap: 1.0 / (share * largest)} | ({"friction": RUB_FRICTION} if cls.name == "rub" else {})
+    held = {GAP: 1.0 / (share * largest)} | ({"friction": RUB_FRICTION} if cls.name == "rub" else {})
     free = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters() if p.name not in held}
-    return Shape(cls.name, held, tuple({key: size} for key, size in free.items()), positive=True, gap=gap)
+    return Shape(cls.name, held, tuple({key: size} for key, size in free.items()), positive=True, gap=GAP)

@@ -11,6 +11,7 @@ import pytest
 
 from rotorjax import Conditions, Effect, Jeffcott, Layout, Model, effects, response
 from rotorjax.catalogue import snapshot
+from rotorjax.effects.terms import TERMS
 from rotorjax.io.rig import effect_from_labels, read_rig
 from rotorjax.model import RestoringEffect, WaveformEffect
 
@@ -130,7 +131,10 @@ def test_wrong_shape_names_the_entries(plain):
         (effects.Clearance(-2e4, 1e3), "a stop that pulls"),
         (effects.Crack(3e4, -5e4), "deeper than the shaft"),
         (effects.Crack(3e4, -3e4), None),
-        (effects.AsymmetricShaft(6e4, 0.0), "on its soft side"),
+        (effects.AsymmetricShaft(6e4, 0.0), "takes 6e+04 N/m on its soft side, more than the 5.13e+04 N/m that the shaft has"),
+        (TERMS["term_dead_band_x"](-1e3, 1e3), "a stop that pulls"),
+        (TERMS["term_one_sided_stop_y"](-1e3, -1e3), "a stop that pulls"),
+        (TERMS["term_one_sided_stop_y"](1e3, -1e3), None),
         (effects.Duffing(1e10), None),
     ],
 )

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from drawn_forces import draw, measured
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit
 from rotorjax.answer import explanation_json, explanation_text
@@ -87,11 +88,30 @@ def test_the_response_corrects_a_stop():
 
 
 def test_what_does_hardly_worse_is_said():
-    """A stop that only the largest vibrations reach: whatever else it may be, it is among what is said."""
-    force = in_time.dead_band_x(2e4, 1.35 * GAP)
-    declared = fit(MODEL, measure(force), free=(), held_out=False)
+    """A stop on either side, of which the weight lets the rotor reach one: the other cannot be seen."""
+    drawn = draw(205)
+    assert drawn.term == "term_dead_band_y"
+    declared = fit(*measured(drawn), free=(), held_out=False)
     found = name_force(declared, declared, ())
-    assert any("dead band along x" in words for words in (found.words, *found.rivals))
+    assert found.words.startswith("stop on one side along y at -0.28 mm")
+    assert found.rivals == ("dead band along y of 0.28 mm",)
+    assert found.enough
+
+
+def test_one_named_effect_that_a_term_beats():
+    """Drag along x alone: damping that is too small comes near, and the data have room for it; the term does far better."""
+    force, term, _ = HIDDEN["quadratic damping along x"]
+    found = explain(MODEL, measure(force), only=["damping_error"])
+    assert found.verdict != "explained"
+    assert [t.term for t in found.named_force.terms] == [term]
+
+
+def test_dry_friction_that_nearly_holds_the_rotor_is_fitted():
+    """No motion is found near the measured one, as friction magnifies its noise: it has to be searched for."""
+    drawn = draw(317)
+    declared = fit(*measured(drawn), free=(), held_out=False)
+    found = name_force(declared, declared, ())
+    assert [t.term for t in found.terms] == [drawn.term]
     assert found.enough
 
 

@@ -145,6 +145,7 @@ def test_terms_keep_the_contract(name, paper_rotor):
     assert len(cls.meaning) > 20
     assert any(character.isdigit() for character in cls.source)
     assert set(cls.relatives) <= set(effects.CATALOG)
+    assert set(cls.alike) <= set(TERMS) - {name}
     assert all(p.prior_scale(paper_rotor) > 0.0 for p in cls.parameters())
     assert all(set(start) <= {p.name for p in cls.parameters()} for start in cls.starts)
 
