@@ -32,7 +32,7 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
 
 
 def explanation_pictures(found: Explanation) -> list[tuple[str, bytes]]:
-    """The same, and the force that is missing where nothing explains."""
+    """The same, and the force that is missing, where it was shown."""
     pictures = story_pictures(found.story)
     named = found.named_force
     if named is not None and named.force.reason is None:

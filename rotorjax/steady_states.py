@@ -341,9 +341,10 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     Stable: the largest absolute Floquet multiplier over one period, a turn of the shaft or two to four where the model has fractions of an
     order, is at most 1.001 (1.0001 without forces that depend on motion). Others are searched by following the steady state in speed from
     0.6 times the speed of the condition (0.8 times the natural frequency if that is less) and from 1.5 times, installed unbalance and bow
-    unchanged, and by Newton's method from motions of several sizes; that none was found is no proof that there is none. Motion that does not
-    repeat itself within such a period is not found. Without forces that depend on motion there is one steady state, which internal damping or
-    cross-coupling can make unstable. Not differentiable.
+    unchanged, with a push towards fractions of an order where the model has any, and by Newton's method from motions of several sizes and, at
+    fractions, directions; that none was found is no proof that there is none. Motion that does not repeat itself within such a period is not
+    found. Without forces that depend on motion there is one steady state, which internal damping or cross-coupling can make unstable. Not
+    differentiable.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** `SteadyStates`.
     Source: Nayfeh, Balachandran, Applied Nonlinear Dynamics, Wiley 1995, chapter 3; for a shaft with two unequal stiffnesses
