@@ -47,9 +47,11 @@ class Manner(NamedTuple):
     """Least number of free unknowns to make room for, so that small fits run in what is compiled for larger ones."""
     first_order: bool = False
     """Lay forces that depend on motion along the measured motion, and leave it at that."""
+    search: bool = False
+    """Search for a motion where none is found near the one measured."""
 
 
-THOROUGH, QUICK = Manner(FINE, BATCH), Manner(COARSE, 4 * BATCH)
+THOROUGH, QUICK = Manner(FINE, BATCH, search=True), Manner(COARSE, 4 * BATCH)
 """For estimates; and for ranking many hypotheses."""
 
 
@@ -285,7 +287,7 @@ class _Group:
         worth = [] if self.manner.first_order else self._worth(starts, ends, fresh, tasks, bar)
         self._balance(ends, {k: self._filled(ends[k].motions) for k in worth}, tasks, bar)
         # Near the motion measured, with its noise, there may be none that friction lets be found.
-        lost = sorted((k for k in worth if not ends[k].exact), key=lambda k: ends[k].cost)[:SURE]
+        lost = sorted((k for k in worth if self.manner.search and not ends[k].exact), key=lambda k: ends[k].cost)[:SURE]
         self._balance(ends, {k: np.asarray(_searched_motions(self.space, self.data, ends[k].point)) for k in lost}, tasks, bar)
         return [ends[k] for k in range(len(starts))]
 
