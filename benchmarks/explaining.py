@@ -16,9 +16,9 @@ from timing import timed
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, explain, read_measurement, read_rig
 from rotorjax.effects.terms import TERMS
-from rotorjax.response import response
+from rotorjax.simulate import noisy
 
-SIGMA = 0.5e-6
+NOISE_UM = 0.5
 ORDERS = (0.0, 1.0, 2.0, 3.0)
 
 
@@ -36,12 +36,9 @@ def outside() -> tuple[Model, Measurement]:
     weights = np.array([[12e-6, 0.0], [-12.6e-6, 21.6e-6]])
     run = np.repeat(np.arange(2), len(speeds))
     conditions = Conditions.at(np.tile(speeds, 2), unbalance=weights[run][:, None])
-    rng = np.random.default_rng(5)
-    z = np.asarray(response(model + TERMS["term_cubic_x"](3e10), conditions))
-    z = z + SIGMA * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
-    z = np.where(np.array(ORDERS) == 0.0, z.real + 0j, z)
-    everywhere = np.ones(z.shape, bool)
-    return model, Measurement(("baseline", "trial"), ("X", "Y"), ORDERS, run, ("",) * len(run), conditions, z, everywhere, np.full(z.shape, SIGMA), "given")
+    nothing = np.zeros((len(run), 2, len(ORDERS)), complex)
+    plan = Measurement(("baseline", "trial"), ("X", "Y"), ORDERS, run, ("",) * len(run), conditions, nothing, nothing == 0.0, None, "unknown")
+    return model, noisy(model + TERMS["term_cubic_x"](3e10), plan, noise_um=NOISE_UM, seed=5)
 
 
 DATA = {"cross-coupling": sixty_conditions, "outside": outside, "rk4": rk4}

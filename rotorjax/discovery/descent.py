@@ -29,7 +29,9 @@ LEG, LEGS, TIMED_LEG = 12, 5, 4
 HOPELESS, TIMED_HOPELESS = 300.0, 40.0
 """Cost above the best known on the same cases with which a descent does not go on for more than two legs; where orders are balanced together."""
 SURE = 2
-"""Sets of unknowns that are descended to where orders are balanced together, however little their first order promises; and searches for a motion."""
+"""Sets of unknowns that are descended to where orders are balanced together, however little their first order promises."""
+MOST_SEARCHED = 2
+"""Descents for which a motion is searched for where none was found near the one measured."""
 LEAST_GAIN = 1.0
 """Fall of the cost below which an effect cannot be detected."""
 KEPT_RIVALS = (3, 2, 1)
@@ -287,7 +289,7 @@ class _Group:
         worth = [] if self.manner.first_order else self._worth(starts, ends, fresh, tasks, bar)
         self._balance(ends, {k: self._filled(ends[k].motions) for k in worth}, tasks, bar)
         # Near the motion measured, with its noise, there may be none that friction lets be found.
-        lost = sorted((k for k in worth if self.manner.search and not ends[k].exact), key=lambda k: ends[k].cost)[:SURE]
+        lost = sorted((k for k in worth if self.manner.search and not ends[k].exact), key=lambda k: ends[k].cost)[:MOST_SEARCHED]
         self._balance(ends, {k: np.asarray(_searched_motions(self.space, self.data, ends[k].point)) for k in lost}, tasks, bar)
         return [ends[k] for k in range(len(starts))]
 
