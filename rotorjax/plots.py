@@ -76,6 +76,7 @@ def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
     axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.set(xlabel=f"{probe} {order:g}X in phase, µm", ylabel="90° ahead, µm")
     axes.set_aspect("equal", adjustable="datalim")
+    axes.locator_params(axis="x", nbins=5)
     axes.grid(alpha=0.3)
     return axes
 
