@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from rotorjax import Conditions, Explanation, Knowledge, effects, explain
 from rotorjax.answer import explanation_json, explanation_text, notes, sentence
 from rotorjax.discovery import descent
+from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Uncertain
@@ -76,6 +78,17 @@ def _plan_of(measurement) -> hidden.Plan:
     first = [int(np.argmax(measurement.run == k)) for k in range(len(measurement.runs))]
     weights = {run: [complex(*pair) for pair in np.asarray(measurement.conditions.unbalance)[k]] for run, k in zip(measurement.runs, first, strict=True)}
     return hidden.Plan(weights, ())
+
+
+def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
+    model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
+    monkeypatch.setattr(sys.modules["rotorjax.discovery.explain"], "held_out", lambda contest, selection: HeldOut((1e-6, 1.01e-6), ""))
+    found = explain(model, measurement)
+    assert found.effects == ("cross_coupling",)
+    assert not found.confirmed
+    assert found.verdict == "undecided"
+    assert sentence(found).startswith("Undecided: cross_coupling, but ")
+    assert "on data held out the error does not fall." in sentence(found)
 
 
 def test_two_measurements_of_one_size_compile_once(monkeypatch):
