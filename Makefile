@@ -37,6 +37,7 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/dataset.py
 	$(BIN)/python benchmarks/training.py
 	$(BIN)/python benchmarks/hidden_forces.py --output benchmarks/results
+	$(BIN)/python benchmarks/half_orders.py
 	$(BIN)/python experiments/train_network.py --no-times --output benchmarks/results
 	$(BIN)/python experiments/train_conditioned.py --output benchmarks/results
 

@@ -37,8 +37,8 @@ STEPS = 40
 """Of the speed, from there to the condition."""
 STARTS = (0.0, 0.3, 3.0)
 """Sizes of the free motion from which Newton's method begins at the condition itself."""
-PUSHES, PHASES = (0.3, 1.0, 3.0, 10.0), (0.4, 0.4 + 0.5 * math.pi)
-"""Sizes, in the free motion, and phases [rad] of motions at the lowest fraction of an order with which Newton's method begins besides."""
+PUSHES, PHASES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0), (0.4, 0.4 + 0.5 * math.pi)
+"""Sizes, in the vibration of the free motion, and phases [rad] of motions at the lowest fraction of an order with which Newton's method begins besides."""
 WHIRLS = ((1.0, -1.0j), (1.0, 1.0j), (1.0, 0.1j), (0.1j, 1.0))
 """Directions of these: either sense of whirl, nearly along x, nearly along y."""
 DISTINCT = 1e-3
@@ -263,7 +263,7 @@ def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep do
 def _pushes(free: Coefficients) -> Float[Array, "start dof coefficient"]:
     """Motions at the lowest fraction of an order, in several sizes, phases and directions."""
     each = np.array([size * np.exp(1j * phase) * np.array(whirl) for size in PUSHES for phase in PHASES for whirl in WHIRLS])
-    lowest = jnp.max(jnp.abs(free)) * jnp.asarray(np.stack([np.real(each), np.imag(each)], axis=-1))
+    lowest = jnp.max(jnp.abs(free[:, 1:])) * jnp.asarray(np.stack([np.real(each), np.imag(each)], axis=-1))
     return jnp.zeros((len(each), *free.shape)).at[:, :, 1:3].set(lowest)
 
 
