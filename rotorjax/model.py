@@ -447,9 +447,9 @@ class Model(eqx.Module):
         """The effect of that name, if the model has it."""
         return next((e for e in self.effects if e.name == name), None)
 
-    def without(self, name: str) -> "Model":
-        """The model less one effect."""
-        return self._with_effects([e for e in self.effects if e.name != name])
+    def without(self, *names: str) -> "Model":
+        """The model less these effects."""
+        return self._with_effects([e for e in self.effects if e.name not in names])
 
     def with_orders(self, orders: tuple[float, ...]) -> "Model":
         """The model for other orders; parameters per order keep their values where the order stays."""

@@ -76,10 +76,8 @@ class Space(eqx.Module):
         parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
         effects = [jnp.asarray(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
         full = eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
-        for effect in full.effects:
-            if isinstance(effect, RestoringEffect | WaveformEffect) and not any(np.any(np.asarray(v)) for v in effect.values()):
-                full = full.without(effect.name)
-        return full
+        timed = [e for e in full.effects if isinstance(e, RestoringEffect | WaveformEffect)]
+        return full.without(*(e.name for e in timed if not any(np.any(np.asarray(v)) for v in e.values())))
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""

@@ -56,10 +56,7 @@ def restoring(model: Model) -> list[RestoringEffect]:
 
 def without_timed(model: Model) -> Model:
     """The model without restoring forces and bent waveforms."""
-    for effect in model.effects:
-        if isinstance(effect, RestoringEffect | WaveformEffect):
-            model = model.without(effect.name)
-    return model
+    return model.without(*(e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)))
 
 
 def in_space(vector: Vector) -> Complex[Array, "dof order"]:

@@ -1,5 +1,7 @@
 """Every test runs in double precision, with shapes checked, rank promotion refused and warnings as errors."""
 
+import os
+
 from jaxtyping import install_import_hook
 
 install_import_hook("rotorjax", "beartype.beartype")
@@ -13,8 +15,15 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 matplotlib.use("Agg")
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
 hypothesis.settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=30)
 hypothesis.settings.load_profile("seeded")
+
+
+def pytest_configure(config):
+    """What one process compiles serves the others, those that tests start, and the next run."""
+    folder = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.rootpath / ".pytest_cache" / "compiled"))
+    jax.config.update("jax_compilation_cache_dir", folder)
 
 
 @pytest.fixture(autouse=True)

@@ -313,7 +313,4 @@ def _held_out(data: Data, again: list[End], folds: np.ndarray) -> float | None:
 
 def _kept(fitted: Model, stage: Stage) -> Model:
     """The fitted model without effects that were at hand for comparison only."""
-    for effect in fitted.effects:
-        if effect.name not in stage.keep:
-            fitted = fitted.without(effect.name)
-    return fitted
+    return fitted.without(*(e.name for e in fitted.effects if e.name not in stage.keep))

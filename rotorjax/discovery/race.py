@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from typing import NamedTuple, get_args
 
 import jax.numpy as jnp
@@ -65,7 +66,7 @@ class Contest:
     floor: Noise = NO_NOISE
     """Noise beside the table's that is known to be there."""
 
-    @property
+    @cached_property
     def timed(self) -> Effects:
         """Effects whose force depends on motion, so that orders are balanced together."""
         return frozenset(self.space.effects_of(self.space.timed()))
@@ -78,10 +79,14 @@ class Contest:
         """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""
         return self.space.free(list(effects))
 
+    @cached_property
+    def widest(self) -> int:
+        """Unknowns that the largest single effect frees."""
+        return max((int(self.free(frozenset([name])).sum()) for name in self.candidates), default=0)
+
     def manner(self, manner: Manner = QUICK) -> Manner:
         """How to descend: with room for the largest single effect, whatever is fitted."""
-        widest = max((int(self.free(frozenset([name])).sum()) for name in self.candidates), default=0)
-        return manner._replace(batch=QUICK.batch, width=widest)
+        return manner._replace(batch=QUICK.batch, width=self.widest)
 
     def lean(self, sets: Iterable[Effects], chosen: Effects, near: Iterable[str]) -> list[Effects]:
         """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at most or as many.
