@@ -5,6 +5,7 @@ from typing import Any
 
 from rotorjax._core import CONVERGED, MICROMETRE, unit_of
 from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.noise import NO_SCATTER
 from rotorjax.discovery.rivals import TIE
@@ -59,7 +60,7 @@ def _nothing(found: Explanation) -> str:
 def _undecided(found: Explanation) -> str:
     others = ["others do as well"] if found.ties.tied or found.named_force is not None else []
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
-    return f"Undecided: {listed(found.effects)}, but {listed([*others, *fails])}."
+    return f"Undecided: {listed(found.effects)}, but {listed([*others, *fails, *found.objections])}."
 
 
 def _unexplained(found: Explanation) -> str:
@@ -108,17 +109,27 @@ def _missing_force(found: Explanation) -> list[str]:
         return []
     if named.force.reason is not None:
         return [f"The missing force cannot be shown: {named.force.reason}."]
+    held = [
+        f"Along {'xy'[axis]} the rotor hardly moves, though without the missing force it would: friction, a stop or a stiff spring may do that, "
+        "so that its shape there is doubtful."
+        for axis in named.force.held
+    ]
     if named.fit is None:
-        return ["The force that is missing has no simple shape."]
-    after = number(found.story.measurement.rms_of(named.fit.predicted) / MICROMETRE)
-    held = f" ({number(named.fit.held_out_rms / MICROMETRE)} µm on data held out)" if named.fit.held_out_rms is not None else ""
+        return held or ["The force that is missing has no simple shape."]
+    return [*held, _named(found, named, named.fit)]
+
+
+def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
+    """The terms, and the error with them."""
+    after = number(found.story.measurement.rms_of(fitted.predicted) / MICROMETRE)
+    held = f" ({number(fitted.held_out_rms / MICROMETRE)} µm on data held out)" if fitted.held_out_rms is not None else ""
     beside = f"beside {listed(named.beside)}" if named.beside else "beside the model as declared"
     words = f"{named.words} (or, hardly worse, {', or '.join(named.rivals)})" if named.rivals else named.words
     if found.verdict != "unexplained":
         how = "A simpler force would do as well" if len(named.terms) < len(found.effects) else "A force outside the catalogue would do better"
-        return [f"{how}, {beside}: {words}. With it alone the error is {after} µm rms{held}."]
+        return f"{how}, {beside}: {words}. With it alone the error is {after} µm rms{held}."
     rest = ", which is what the noise allows" if named.enough else "" if found.contest.measurement.sigma is None else ", still more than the noise"
-    return [f"The force that is missing {beside} looks like this: {words}. Added as a term it brings the error to {after} µm rms{held}{rest}."]
+    return f"The force that is missing {beside} looks like this: {words}. Added as a term it brings the error to {after} µm rms{held}{rest}."
 
 
 def missing_force_table(named: NamedForce) -> Table | None:
@@ -147,6 +158,7 @@ def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
     fitted = named.fit
     return {
         "reason": named.force.reason,
+        "held": ["xy"[axis] for axis in named.force.held],
         "beside": list(named.beside),
         "terms": terms,
         "rivals": list(named.rivals),

@@ -222,7 +222,14 @@ class Effect(eqx.Module):
         return tuple(getattr(self, p.name) for p in self.parameters())
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        """Why these values cannot be on this rotor, in a few words after the effect's name; none where nothing speaks against them."""
+        """Why these values can hardly be on this rotor, in a few words after the effect's name; none where nothing speaks against them.
+
+        An answer that needs such values is never "explained".
+        """
+        return None
+
+    def remark(self, rotor: AbstractRotor) -> str | None:
+        """What a user should know about these values on this rotor, though they may be, in a few words after the effect's name."""
         return None
 
     def sized(self, layout: Layout) -> "Effect":

@@ -198,8 +198,9 @@ def findings(story: Story) -> list[str]:
 
 
 def objections(model: Model) -> list[str]:
-    """What speaks against the values of effects on this rotor."""
-    return [f"{e.name} {why}." for e in model.effects if (why := e.objection(model.rotor)) is not None]
+    """What speaks against the values of effects on this rotor, and what else is to be known about them."""
+    said = ((e.name, words) for e in model.effects for words in (e.objection(model.rotor), e.remark(model.rotor)))
+    return [f"{name} {words}." for name, words in said if words is not None]
 
 
 def _scatter_line(story: Story) -> str:

@@ -81,6 +81,11 @@ class Explanation:
         return _confirmed(self.story.fits)
 
     @property
+    def objections(self) -> tuple[str, ...]:
+        """What speaks against the values of the effects found."""
+        return _objections(self.story.fits[-1], self.effects)
+
+    @property
     def restricted(self) -> bool:
         """Whether some effects of the catalogue were not allowed to be missing."""
         given = {e.name for e in self.story.model.effects} | {e.effect for e in self.contest.space.entries if e.declared_uncertain}
@@ -179,7 +184,7 @@ def _answer(
         named = name_force(fits[0], fits[-1], selection.effects, catalog)
     elif thorough and selection.effects:
         progress("whether a force outside the catalogue would do as well")
-        named = other_force(fits[0], fits[-1], selection.effects)
+        named = other_force(fits[0], fits[-1], selection.effects, doubtful=bool(_objections(fits[-1], selection.effects)))
         verdict = verdict if named is None else "undecided"
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
@@ -212,7 +217,13 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
         return "unexplained"
     if not selection.effects:
         return "nothing missing"
-    return "explained" if confirmed and not ties.tied else "undecided"
+    doubtful = ties.tied or not confirmed or _objections(last, selection.effects)
+    return "undecided" if doubtful else "explained"
+
+
+def _objections(last: Fit, effects: tuple[str, ...]) -> tuple[str, ...]:
+    said = ((e.name, e.objection(last.model.rotor)) for e in last.model.effects if e.name in effects)
+    return tuple(f"{name} {words}" for name, words in said if words is not None)
 
 
 def _confirmed(fits: tuple[Fit, ...]) -> bool:

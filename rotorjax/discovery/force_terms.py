@@ -153,7 +153,8 @@ def answers(
         pairs += [f for which in range(2) for f in search.finer(leader, [leader.own[1 - which]], which)]
     if not (answer := search.answer(singles, pairs)):
         return []
-    return [answer, *search.others(answer, singles, most - 1)]
+    held = [(_holding(found, axis),) for axis in found.held] if len(answer) < most else []
+    return [answer, *held, *search.others(answer, singles, most - 1 - len(held))]
 
 
 class _Search:
@@ -274,6 +275,12 @@ class _Search:
         return Candidate(
             shape.term, shape.words, shape.plain, shape.gap, coefficients, errors, fall / max(self.none.chi2, TINY), gain, tuple(dict.fromkeys(names))
         )
+
+
+def _holding(found: MissingForce, axis: int) -> Candidate:
+    """Friction that holds the rotor still along an axis, of the least size that can: there velocities are noise, from which no regression tells it."""
+    term = f"term_dry_friction_{'xy'[axis]}"
+    return dataclasses.replace(_unseen(term), coefficients={TERMS[term].parameters()[0].name: float(np.max(np.abs(found.force[:, axis])))})
 
 
 def _unseen(term: str) -> Candidate:

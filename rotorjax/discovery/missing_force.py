@@ -28,6 +28,8 @@ from rotorjax.steady import by_order, in_space, restoring, restoring_system, wit
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
+HELD, STILL = 5.0, 3.0
+"""An axis is held if the model moves at least so many times as far along it as measured, and what was measured is at most so many times the noise."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +61,8 @@ class MissingForce:
     """Standard error of its real and imaginary parts [N]."""
     balance: "Balance | None"
     """What a regression works on."""
+    held: tuple[int, ...] = ()
+    """Axes (0: x, 1: y) along which the rotor hardly moves, though without the force it would: any restraint does that, so that the shape is doubtful."""
 
     @property
     def rms(self) -> Float[np.ndarray, "case"]:
@@ -189,7 +193,8 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
         motion, measured, np.where(used, errors, 0.0), np.where(used[:, :, None] & used[:, None], slopes, np.eye(used.shape[1])[None]), whitening,
         measurement.sigma is not None or measurement.knowledge.tolerance > 0.0 or noise_allowance > 0.0,
     )  # fmt: skip
-    return _shown(full, measurement, grid, balance, covariance, np.asarray(sight.speed))
+    shown = _shown(full, measurement, grid, balance, covariance, np.asarray(sight.speed))
+    return dataclasses.replace(shown, held=_held(balance, covariance, np.asarray(sight.free)))
 
 
 def _seen(sight: _Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "case order"], Bool[np.ndarray, "case"]]:
@@ -263,6 +268,17 @@ def _shown(model: Model, measurement: Measurement, grid: Grid, balance: Balance,
     usable = np.any(balance.whitening != 0.0, axis=(1, 2))
     band = np.sqrt(np.maximum(variance, 0.0))
     return MissingForce(model, measurement, None, usable, grid.angle, force, band, moves, velocity, amplitudes, deviations, balance)
+
+
+def _held(balance: Balance, covariance: np.ndarray, free: Float[np.ndarray, "case dof coefficient"]) -> tuple[int, ...]:
+    """See `MissingForce.held`; the mean does not count."""
+    if not balance.known:
+        return ()
+    vibrates = balance.measured != 0
+    used = np.any(balance.whitening != 0.0, axis=2).reshape(len(free), 2, -1)[..., vibrates]
+    squares = [(part[..., balance.measured][..., vibrates] ** 2 * used).sum(axis=(0, 2)) for part in (balance.motion, free)]
+    noise = (np.diagonal(covariance, axis1=1, axis2=2).reshape(len(free), 2, -1)[..., vibrates] * used).sum(axis=(0, 2))
+    return tuple(k for k in (0, 1) if squares[0][k] <= STILL**2 * noise[k] and squares[1][k] >= HELD**2 * squares[0][k] > 0.0)
 
 
 def _nothing(model: Model, measurement: Measurement, grid: Grid, reason: str) -> MissingForce:

@@ -70,14 +70,15 @@ def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Ma
     return best
 
 
-def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedForce | None:
+def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtful: bool = False) -> NamedForce | None:
     """Terms that explain as much as an answer of named effects, if there are: the answer is then one of two.
 
     In the place of several effects fewer terms; in the place of one a single term that does much better, looked for only where something
-    is left beside the answer that a term would take away. None where the noise is unknown. **Arguments:** as for `name_force`.
+    is left beside the answer that a term would take away, or where the answer is ``doubtful`` by itself. None where the noise is unknown.
+    **Arguments:** as for `name_force`.
     """
     alone = len(effects) == 1
-    if declared.stage.measurement.sigma is None or (alone and not _likely(answer, effects, {}, 1)[1]):
+    if declared.stage.measurement.sigma is None or (alone and not doubtful and not _likely(answer, effects, {}, 1)[1]):
         return None
     found = _named(declared, (), {}, most=max(1, len(effects) - 1))
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
@@ -114,7 +115,7 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
 
 def _believable(fitted: Fit) -> bool:
     """Whether a steady motion was found, and nothing speaks against the values."""
-    objections = (e.objection(fitted.model.rotor) for e in fitted.model.effects if e.name in TERMS)
+    objections = (e.objection(fitted.model.rotor) for e in fitted.model.effects if e.name in fitted.free)
     return fitted.end.exact and math.isfinite(_score(fitted)) and all(objection is None for objection in objections)
 
 

@@ -42,11 +42,9 @@ def pull_objection(stiffness: Array) -> str | None:
     return "has a negative stiffness: a stop that pulls" if float(stiffness) < 0.0 else None
 
 
-def stop_objection(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
-    """What speaks against a stop: it pulls, or the rotor at rest lies in it."""
+def stop_remark(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
+    """Whether the rotor at rest lies in a stop."""
     sag = float(rotor.mass * jnp.hypot(rotor.gravity[0], rotor.gravity[1]) / jnp.mean(rotor.stiffness))
-    if said := pull_objection(stiffness):
-        return said
     if float(stiffness) > 0.0 and float(inverse_gap) * sag > 1.0:
         gap, sag = 1.0 / (float(inverse_gap) * MICROMETRE), sag / MICROMETRE
         return f"has a gap of {gap:.3g} µm, less than the {sag:.3g} µm by which the weight bends the shaft: the rotor lies in it even at rest"
@@ -93,7 +91,10 @@ class Clearance(RestoringEffect):
         return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * instant.position
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        return stop_objection(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
+        return pull_objection(self.stiffness_n_per_m)
+
+    def remark(self, rotor: AbstractRotor) -> str | None:
+        return stop_remark(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
 
 
 class Rub(RestoringEffect):
@@ -119,7 +120,10 @@ class Rub(RestoringEffect):
         return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * jnp.stack([x - drag * y, y + drag * x])
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        return stop_objection(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
+        return pull_objection(self.stiffness_n_per_m)
+
+    def remark(self, rotor: AbstractRotor) -> str | None:
+        return stop_remark(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
 
 
 class Crack(RestoringEffect):

@@ -3,10 +3,11 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from rotorjax._core import diagonal
-from rotorjax.model import Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
+from rotorjax.model import AbstractRotor, Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
 
 FOUNDATION_DAMPING_RATIO = 0.05
 """Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al., Rotordynamik, 2006)."""
@@ -31,6 +32,9 @@ class StiffnessError(MatrixEffect):
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(path_stiffness=diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
 
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return "makes a stiffness negative" if min(float(self.error_x), float(self.error_y)) <= -1.0 else None
+
 
 class MassError(MatrixEffect):
     """M -> M (1 + e)."""
@@ -45,6 +49,9 @@ class MassError(MatrixEffect):
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(mass=self.error * point.rotor.mass * jnp.eye(2))
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return "makes the mass negative" if float(self.error) <= -1.0 else None
 
 
 class DampingError(MatrixEffect):
@@ -61,6 +68,15 @@ class DampingError(MatrixEffect):
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = jnp.expm1(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
         return Matrices(path_damping=diagonal(growth * point.rotor.damping))
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        true = rotor.damping * jnp.exp(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
+        ratio = np.asarray(true / (2.0 * jnp.sqrt(rotor.stiffness * rotor.mass)))
+        if not np.any(ratio > 1.0):
+            return None
+        axis = int(np.argmax(ratio))
+        held = "friction, a stop or a stiff support would hold the rotor as well"
+        return f"makes the damping along {'xy'[axis]} {ratio[axis]:.2g} times the critical one: {held}"
 
 
 class StiffnessAxes(SupportEffect):

@@ -136,9 +136,15 @@ def test_wrong_shape_names_the_entries(plain):
         (TERMS["term_one_sided_stop_y"](-1e3, -1e3), "a stop that pulls"),
         (TERMS["term_one_sided_stop_y"](1e3, -1e3), None),
         (effects.Duffing(1e10), None),
+        (effects.StiffnessError(-0.9, 0.5), None),
+        (effects.StiffnessError(0.1, -1.1), "makes a stiffness negative"),
+        (effects.MassError(-1.2), "makes the mass negative"),
+        (effects.DampingError(2.0, -1.0), None),
+        (effects.DampingError(3.6, 0.0), "makes the damping along x 1.1 times the critical one"),
     ],
 )
-def test_values_that_cannot_be_are_objected_to(effect, words):
+def test_values_that_can_hardly_be_are_objected_to(effect, words):
     """A shaft that its weight bends by 178 µm."""
-    told = effect.objection(Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05], gravity=[0.0, -9.81]))
-    assert (told is None) if words is None else (words in told)
+    rotor = Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05], gravity=[0.0, -9.81])
+    told = [text for text in (effect.objection(rotor), effect.remark(rotor)) if text is not None]
+    assert not told if words is None else len(told) == 1 and words in told[0]

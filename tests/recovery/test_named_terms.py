@@ -7,7 +7,7 @@ import pytest
 from drawn_forces import draw, measured
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit
-from rotorjax.answer import explanation_json, explanation_text
+from rotorjax.answer import explanation_json, explanation_text, sentence
 from rotorjax.discovery.force_terms import regress
 from rotorjax.discovery.missing_force import missing_force
 from rotorjax.discovery.named_force import name_force
@@ -113,6 +113,19 @@ def test_dry_friction_that_nearly_holds_the_rotor_is_fitted():
     found = name_force(declared, declared, ())
     assert [t.term for t in found.terms] == [drawn.term]
     assert found.enough
+
+
+def test_a_rotor_that_is_held_still_gets_no_certain_answer():
+    """Friction holds it within the noise along x, at a thirtieth of its free motion: damping of 160 times would nearly do that."""
+    drawn = draw(425)
+    model, measurement = measured(drawn)
+    answer = explain(model, measurement)
+    assert (answer.verdict, answer.effects) == ("undecided", ("damping_error",))
+    assert "times the critical one: friction, a stop or a stiff support would hold the rotor as well." in sentence(answer)
+    assert answer.named_force is not None
+    assert [t.term for t in answer.named_force.terms] == [drawn.term]
+    assert "Along x the rotor hardly moves, though without the missing force it would" in sentence(answer)
+    assert explanation_json(answer)["missing_force"]["held"] == ["x"]
 
 
 def test_two_at_once():
