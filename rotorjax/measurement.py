@@ -92,6 +92,11 @@ class Measurement:
     noise: Literal["given", "repeats", "unknown"] = "unknown"
     knowledge: Knowledge = Knowledge()
 
+    def __repr__(self) -> str:
+        orders = ", ".join(f"{order:g}X" for order in self.orders)
+        size = f"{int(self.present.sum())} vectors of {self.rms / MICROMETRE:.3g} µm rms"
+        return f"Measurement(runs {', '.join(self.runs)}; {len(self.run)} cases; probes {', '.join(self.probes)}; {orders}; {size}; noise {self.noise})"
+
     @property
     def speed_rpm(self) -> Float[np.ndarray, "case"]:
         """Speed of every case."""

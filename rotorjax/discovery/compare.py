@@ -53,6 +53,10 @@ class Comparison:
     reduced_chi2: float | None
     """Squared residual per real number measured, in squared standard errors; one for a model that holds."""
 
+    def __repr__(self) -> str:
+        chi2 = "" if self.reduced_chi2 is None else f", reduced chi-square {self.reduced_chi2:.3g}"
+        return f"Comparison({self.rms / MICROMETRE:.3g} µm rms of {self.measurement.rms / MICROMETRE:.3g} µm{chi2})"
+
     @property
     def present(self) -> Bool[np.ndarray, "case probe order"]:
         """Where something was measured."""

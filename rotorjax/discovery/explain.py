@@ -70,6 +70,10 @@ class Explanation:
     """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few terms that would do as well
     as the effects found."""
 
+    def __repr__(self) -> str:
+        p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
+        return f"Explanation({self.verdict}: {', '.join(self.effects) or 'no effect'}; {self.story!r}{p})"
+
     @property
     def model(self) -> Model:
         """The model with what was added, fitted."""

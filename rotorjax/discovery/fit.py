@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
-from rotorjax._core import CONVERGED, RESULT_TEXT, forget_compiled, require_float64
+from rotorjax._core import CONVERGED, MICROMETRE, RESULT_TEXT, forget_compiled, require_float64
 from rotorjax.discovery.data import Data, declared_starts, make_data, make_folds, residual_vectors
 from rotorjax.discovery.descent import End, Local, Start, best_of, descend, starts_at
 from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
@@ -75,6 +75,11 @@ class Fit:
     """Posterior covariance of the unknowns."""
     stage: "Stage"
     end: End
+
+    def __repr__(self) -> str:
+        values = "; ".join(f"{e.entry.key} = {e.value:.4g} ± {e.standard_error:.2g}" for e in self.estimates)
+        held = "" if self.held_out_rms is None else f", {self.held_out_rms / MICROMETRE:.3g} µm on data held out"
+        return f"Fit({values or 'nothing fitted'}; {self.stage.measurement.rms_of(self.predicted) / MICROMETRE:.3g} µm rms{held})"
 
     def estimate(self, effect: str, label: str) -> Estimate:
         """The estimate of one entry."""

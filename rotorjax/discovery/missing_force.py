@@ -64,6 +64,9 @@ class MissingForce:
     held: tuple[int, ...] = ()
     """Axes (0: x, 1: y) along which the rotor hardly moves, though without the force it would: any restraint does that, so that the shape is doubtful."""
 
+    def __repr__(self) -> str:
+        return f"MissingForce({self.reason or f'{float(np.sqrt(np.mean(self.rms[self.usable] ** 2))):.3g} N rms'})"
+
     @property
     def rms(self) -> Float[np.ndarray, "case"]:
         """Root mean square of the force over a period, x and y together, less what noise adds to it, per case [N]."""

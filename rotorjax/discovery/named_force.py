@@ -36,6 +36,9 @@ class NamedForce:
     rivals: tuple[str, ...] = ()
     """Words for other terms that do nearly as well there."""
 
+    def __repr__(self) -> str:
+        return f"NamedForce({self.words or 'no simple shape'}; {self.fit!r})"
+
     @property
     def enough(self) -> bool:
         """Whether the terms leave no more than the noise of the table."""

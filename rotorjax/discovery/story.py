@@ -35,6 +35,10 @@ class Story:
     undriven: tuple[float, ...] = ()
     """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
 
+    def __repr__(self) -> str:
+        steps = [("as declared", self.declared.rms), *zip(self.additions, (view.rms for view in self.views[1:]), strict=False)]
+        return f"Story({', '.join(f'{what}: {rms / MICROMETRE:.3g} µm' for what, rms in steps)})"
+
     @property
     def last(self) -> Comparison:
         """The comparison at the end."""

@@ -54,6 +54,8 @@ def test_values_come_back():
     held = found.story.fits[-1].held_out_rms
     assert held == pytest.approx(np.sqrt(2) * 0.3e-6, rel=0.4)
     assert found.story.views[0].rms / held > 10.0
+    assert repr(found).startswith("Explanation(explained: cross_coupling; Story(as declared: ")
+    assert all(len(repr(part)) < 200 for part in (found, found.story, found.story.last, found.story.fits[-1], measurement))
 
 
 def test_healthy_rotors_get_no_effect():
