@@ -95,7 +95,7 @@ def _left(found: Explanation) -> str:
     p = found.p_value
     if p is None:
         return "The noise is unknown, so that nothing says whether what is left is more than noise." if found.contest.measurement.sigma is None else ""
-    sign = ">=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else ""
+    sign = "<=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else ""
     scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
     judged = "is more than" if found.verdict == "unexplained" else "is what"
     allow = "" if found.verdict == "unexplained" else " allow" if scatter else " allows"

@@ -30,7 +30,8 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
     """Parametric bootstrap of the least cost: the same fit, from the same starts, of data drawn from the fitted model.
 
     Noise is the table's and the scatter between runs; what a misfit would add is not counted. (k + 1)/(n + 1) for k of n
-    draws that leave more than the data; it stops once 5 do, or once none of 99 does.
+    draws that leave more than the data; it stops once 5 do, or once none of 99 does. The least cost of a draw is at most that of
+    the point it was drawn at: a descent that ends higher, or nowhere, has failed, and does not count against the noise.
     """
     noise = Noise(0.0, contest.floor.scatter)
     data = contest.data(noise, contender.best.point)
@@ -50,7 +51,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
 
     weight = np.asarray(data.weight).reshape(len(contest.training), -1)
     own = fit(np.zeros((1, *weight.shape)), None)[0]
-    pairs = numpy_pair(own.shown)
+    pairs, prior = numpy_pair(own.shown), 0.5 * float(np.sum(own.point[free] ** 2))
     rng = np.random.default_rng(seed)
     per_call = max(1, QUICK.batch // len(starts))
     costs: list[float] = []
@@ -58,10 +59,12 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
         exceed = sum(cost >= own.cost for cost in costs)
         if (exceed >= ENOUGH_EXCEED and len(costs) >= FEWEST_DRAWS) or (len(costs) >= NONE_EXCEED and exceed == 0):
             break
-        noises = rng.standard_normal((per_call, *weight.shape)) * (weight > 0.0)
+        noises = rng.standard_normal((per_call, *weight.shape)) * (weight > 0.0) * contest.training[:, None]
+        known = prior + 0.5 * np.sum(noises**2, axis=(1, 2))
         if data.scatter.shape[-1]:
             random = rng.standard_normal((per_call, data.run_count, data.scatter.shape[-1]))
+            known += 0.5 * np.sum(random**2, axis=(1, 2))
             noises += np.einsum("cml,dcl->dcm", np.asarray(data.scatter).reshape(*weight.shape, -1), random[:, np.asarray(data.run)])
-        costs += [end.cost for end in fit(noises, pairs)]
+        costs += [min(end.cost, bound) for end, bound in zip(fit(noises, pairs), known.tolist(), strict=True)]
     exceed = sum(cost >= own.cost for cost in costs)
     return PValue((exceed + 1) / (len(costs) + 1), len(costs))

@@ -9,7 +9,7 @@ import pytest
 
 from rotorjax import Conditions, Explanation, Knowledge, effects, explain
 from rotorjax.answer import explanation_json, explanation_text, notes, sentence
-from rotorjax.discovery import descent
+from rotorjax.discovery import bootstrap, descent
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.effects import CATALOG
@@ -91,6 +91,21 @@ def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
     assert found.verdict == "undecided"
     assert sentence(found).startswith("Undecided: cross_coupling, but ")
     assert "on data held out the error does not fall." in sentence(found)
+
+
+def test_draws_that_cannot_be_fitted_say_nothing_for_the_noise(monkeypatch):
+    """Friction that is many prior scales large: descents on drawn data found no motion, and the p-value was one at 800 times the noise."""
+    model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
+    whole = bootstrap.descend
+
+    def failing(*arguments, shift, **others):
+        ends = whole(*arguments, shift=shift, **others)
+        return [end._replace(cost=np.inf) if np.any(drawn) else end for end, drawn in zip(ends, shift, strict=True)]
+
+    monkeypatch.setattr(bootstrap, "descend", failing)
+    found = explain(model, measurement, only=["damping_error"])
+    assert found.verdict == "unexplained"
+    assert "is more than the noise (p <= 0.0" in sentence(found)
 
 
 def test_two_measurements_of_one_size_compile_once(monkeypatch):
