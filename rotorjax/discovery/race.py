@@ -315,7 +315,8 @@ def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Nois
         if _same(after, noise):
             break
         noise = after
-        contender = race(contest, noise, [contender.effects], {contender.effects: contender})[contender.effects]
+        # One that leads is worth a search for its motion, where it was laid along the measured one only.
+        contender = race(contest, noise, [contender.effects], {contender.effects: contender}, QUICK._replace(search=True))[contender.effects]
     return noise, contender
 
 
