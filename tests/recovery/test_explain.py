@@ -44,6 +44,14 @@ def test_every_effect_is_found_on_its_sufficient_plan(name):
     assert last.reduced_chi2 == pytest.approx(1.0, abs=0.7)
 
 
+def test_friction_of_ten_prior_scales_is_found():
+    """Near the measured motion none was found, and what was laid along it left 22 times the noise."""
+    model, measurement, (true,) = hidden_forces.sufficient(effects.CoulombFriction, seed=8, factor=10.0)
+    found = explain(model, measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("explained", ("coulomb_friction",))
+    assert found.story.fits[-1].estimate("coulomb_friction", "force_n").value == pytest.approx(true, rel=0.02)
+
+
 def test_values_come_back():
     model, measurement, (true,) = hidden.sufficient(effects.CrossCoupling, seed=3)
     found = explain(model, measurement)
