@@ -38,6 +38,8 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/training.py
 	$(BIN)/python benchmarks/hidden_forces.py --output benchmarks/results
 	$(BIN)/python benchmarks/half_orders.py
+	$(BIN)/python benchmarks/contact.py
+	$(BIN)/python benchmarks/explanations.py --output benchmarks/results
 	$(BIN)/python experiments/train_network.py --no-times --output benchmarks/results
 	$(BIN)/python experiments/train_conditioned.py --output benchmarks/results
 

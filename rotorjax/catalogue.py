@@ -29,7 +29,6 @@ _QUANTITIES = {
     "cubic": " × K / e² (G6.3 at ω_n)",
     "curvature": " / e (G6.3 at ω_n)",
     "drag": " × C / (e ω_n)",
-    "damping_force": " × C e ω_n",
 }
 
 

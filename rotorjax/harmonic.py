@@ -18,13 +18,15 @@ from jaxtyping import Complex, Float, Int
 
 LEAST_ORDER, MARGIN = 7, 4
 """Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one measured."""
-SAMPLES = 64
-"""Instants per turn of the shaft."""
+SAMPLES, FINE_SAMPLES = 64, 256
+"""Instants per turn of the shaft, while a motion is looked for, and in the steps that end it: corners fall between instants."""
 PARTS = (1, 2, 3, 4)
 """A period may be this many turns, for orders 1/2, 1/3, 1/4."""
 TOLERANCE = 1e-6
 """Of the last change but one, relative to the size of the motion: Newton's method squares it."""
 NEWTON_STEPS = 12
+CORRECTIONS, SHRINKS = 8, 0.7
+"""Most steps with the last Jacobian at more instants, and how each must be smaller than the one before."""
 SMALLEST_PART = 1.0 / 64.0
 """Of the restoring force, by which it is let in where Newton's method does not converge at once."""
 SMALLEST_MOTION = 1e-9
@@ -40,6 +42,8 @@ class Grid(NamedTuple):
     """Multiples of the base order, zero first."""
     turns: int
     """Turns of the shaft in one period."""
+    samples: int = SAMPLES
+    """Instants per turn."""
 
     @property
     def order_array(self) -> Float[np.ndarray, "order"]:
@@ -49,7 +53,12 @@ class Grid(NamedTuple):
     @property
     def angle(self) -> Float[np.ndarray, "instant"]:
         """Shaft angle at every instant."""
-        return 2.0 * math.pi * np.arange(SAMPLES * self.turns) / SAMPLES
+        return 2.0 * math.pi * np.arange(self.samples * self.turns) / self.samples
+
+    @property
+    def finer(self) -> "Grid":
+        """The same orders with more instants."""
+        return self._replace(samples=FINE_SAMPLES)
 
     def synthesis(self, angle: Float[np.ndarray, "instant"]) -> Float[np.ndarray, "coefficient instant"]:
         """Waveform of each coefficient."""
@@ -66,7 +75,7 @@ class Grid(NamedTuple):
 
     def analysis(self) -> Float[np.ndarray, "instant coefficient"]:
         """From the instants to the coefficients."""
-        weight = np.where(np.arange(2 * len(self.orders) - 1) == 0, 1.0, 2.0) / (SAMPLES * self.turns)
+        weight = np.where(np.arange(2 * len(self.orders) - 1) == 0, 1.0, 2.0) / (self.samples * self.turns)
         return (self.synthesis(self.angle) * weight[:, None]).T
 
     def products(self) -> Float[np.ndarray, "kind instant coefficient coefficient"]:
@@ -204,19 +213,39 @@ def _tolerance(system: System) -> Array:
     return TOLERANCE * jnp.maximum(jnp.max(jnp.abs(system.free)), SMALLEST_MOTION)
 
 
-def balance(system: System, frozen: System, start: Coefficients, most: Array | int = NEWTON_STEPS) -> Balance:
+def balance(system: System, frozen: System, finer: System, start: Coefficients, most: Array | int = NEWTON_STEPS) -> Balance:
     """Solve y = L(F - N(y)) by Newton's method from a start near by; differentiable once, by the implicit function theorem.
 
-    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p. **Arguments:** ``frozen``: the same
-    equations without derivatives by parameters; ``most`` steps of Newton's method before that one. With none the motion is what the
-    equations make of the start to first order.
+    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p; it and a few more see what instants miss of a
+    corner. **Arguments:** ``frozen``: the same equations without derivatives by parameters; ``finer``: these with more instants;
+    ``most`` steps of Newton's method before those. With none the motion is what the equations make of the start to first order.
     """
     whole = Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(()))
     root = _newton(frozen, start, whole, _tolerance(frozen), most)
     point = jnp.where(root.good, root.point, 0.0)
-    missing = frozen.moved(system.lacking(point) + system.force(point))
-    step = (root.inverse @ missing.ravel()).reshape(point.shape)
-    return Balance(jnp.where(root.good, point - step, jnp.nan), jnp.where(root.good, BALANCED, NOT_BALANCED))
+
+    def step(force: Coefficients) -> Coefficients:
+        return (root.inverse @ frozen.moved(force).ravel()).reshape(point.shape)
+
+    unseen = finer.force(point) - frozen.force(point)
+    after = point - step(system.lacking(point) + system.force(point) + unseen)
+    there = jax.lax.stop_gradient(after)
+    best = jnp.where(jnp.asarray(most) > 0, _corrected(frozen, finer, root.inverse, there, _tolerance(frozen)), there)
+    return Balance(jnp.where(root.good, after + (best - there), jnp.nan), jnp.where(root.good, BALANCED, NOT_BALANCED))
+
+
+def _corrected(frozen: System, finer: System, by_miss: Array, motion: Coefficients, tolerance: Array) -> Coefficients:
+    """A motion made to balance at the instants of ``finer`` by the inverse of another Jacobian, as long as that leads on."""
+
+    def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        point, last, _, count = state
+        change = (by_miss @ frozen.moved(frozen.lacking(point) + finer.force(point)).ravel()).reshape(point.shape)
+        size = jnp.max(jnp.abs(change))
+        good = size < SHRINKS * last
+        return jnp.where(good, point - change, point), size, good & (size > tolerance), count + 1
+
+    begin = (motion, jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
+    return jax.lax.while_loop(lambda state: state[2] & (state[3] < CORRECTIONS), step, begin)[0]
 
 
 def settled(system: System, start: Coefficients) -> Coefficients:

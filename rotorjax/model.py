@@ -132,7 +132,6 @@ class AbstractRotor(eqx.Module):
             "cubic": stiffness / eccentricity**2,
             "curvature": 1.0 / eccentricity,
             "drag": damping / (eccentricity * frequency),
-            "damping_force": damping * eccentricity * frequency,
         }
 
     def __add__(self, effect: "Effect") -> "Model":

@@ -269,12 +269,13 @@ def timed_vectors(model: Model, condition: Conditions, near: Near | None = None)
     if not restoring(model):
         found = Balance(system.free, jnp.asarray(BALANCED))
     else:
-        frozen = restoring_system(*jax.lax.stop_gradient((whole, condition)), grid, jax.lax.stop_gradient(assembled))
+        fixed = jax.lax.stop_gradient((whole, condition, assembled))
+        frozen, finer = (restoring_system(fixed[0], fixed[1], at, fixed[2]) for at in (grid, grid.finer))
         if near is None:
-            found = balance(system, frozen, _with_fractions(frozen, grid, search(frozen)))
+            found = balance(system, frozen, finer, _with_fractions(frozen, grid, search(frozen)))
         else:
             start = jnp.where(jnp.all(jnp.isfinite(near.motion)), near.motion, frozen.free)
-            found = balance(system, frozen, jax.lax.stop_gradient(start), near.steps)
+            found = balance(system, frozen, finer, jax.lax.stop_gradient(start), near.steps)
     return ready.shown(found.coefficients, model.layout.orders), found
 
 

@@ -321,7 +321,7 @@ class _Group:
 
     def _near_measured(self, starts: list[Start], tasks: _Task, point: np.ndarray) -> list[End]:
         """Where forces along the measured motion fit best, each response taken to first order from there."""
-        near = np.concatenate([np.asarray(_measured_motions(self.space, self.data, start.point[None])) for start in starts])
+        near = np.stack([np.asarray(_measured_motions(self.space, self.data, start.point)) for start in starts])
         own, ends = tasks._replace(motions=near), {}
         columns = [np.flatnonzero(task.sum(axis=1)) for task in np.asarray(tasks.chosen)]
         for index, ended in self._batches(np.arange(len(starts)), point, np.full(len(starts), FIRST_DAMPING), own, 0):
@@ -363,9 +363,9 @@ class _Group:
 
 
 @eqx.filter_jit
-def _measured_motions(space: Space, data: Data, starts: AnyArray) -> Float[Array, "start case speed dof coefficient"]:
+def _measured_motions(space: Space, data: Data, point: AnyArray) -> Float[Array, "case speed dof coefficient"]:
     measured = jax.lax.complex(jnp.asarray(data.pairs[..., 0]), jnp.asarray(data.pairs[..., 1]))
-    return jax.vmap(lambda start: motions_of(space.at(start), data.conditions, measured, jnp.asarray(data.weight[..., 0]) > 0.0))(jnp.asarray(starts))
+    return motions_of(space.at(jnp.asarray(point)), data.conditions, measured, jnp.asarray(data.weight[..., 0]) > 0.0)
 
 
 @eqx.filter_jit

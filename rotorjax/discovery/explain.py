@@ -87,7 +87,7 @@ class Explanation:
     @property
     def objections(self) -> tuple[str, ...]:
         """What speaks against the values of the effects found."""
-        return _objections(self.story.fits[-1], self.effects)
+        return self.story.fits[-1].objections(self.effects)
 
     @property
     def restricted(self) -> bool:
@@ -188,7 +188,7 @@ def _answer(
         named = name_force(fits[0], fits[-1], selection.effects, catalog)
     elif thorough and selection.effects:
         progress("whether a force outside the catalogue would do as well")
-        named = other_force(fits[0], fits[-1], selection.effects, doubtful=bool(_objections(fits[-1], selection.effects)))
+        named = other_force(fits[0], fits[-1], selection.effects, doubtful=bool(fits[-1].objections(selection.effects)))
         verdict = verdict if named is None else "undecided"
     declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
     story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
@@ -221,13 +221,8 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
         return "unexplained"
     if not selection.effects:
         return "nothing missing"
-    doubtful = ties.tied or not confirmed or _objections(last, selection.effects)
+    doubtful = ties.tied or not confirmed or last.objections(selection.effects)
     return "undecided" if doubtful else "explained"
-
-
-def _objections(last: Fit, effects: tuple[str, ...]) -> tuple[str, ...]:
-    said = ((e.name, e.objection(last.model.rotor)) for e in last.model.effects if e.name in effects)
-    return tuple(f"{name} {words}" for name, words in said if words is not None)
 
 
 def _confirmed(fits: tuple[Fit, ...]) -> bool:

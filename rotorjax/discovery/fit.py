@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +84,11 @@ class Fit:
     def estimate(self, effect: str, label: str) -> Estimate:
         """The estimate of one entry."""
         return next(e for e in self.estimates if (e.entry.effect, e.entry.label) == (effect, label))
+
+    def objections(self, names: Iterable[str]) -> tuple[str, ...]:
+        """What speaks against the values of these effects, each by name."""
+        said = ((e.name, e.objection(self.model.rotor)) for e in self.model.effects if e.name in set(names))
+        return tuple(f"{name} {words}" for name, words in said if words is not None)
 
 
 class Stage(NamedTuple):

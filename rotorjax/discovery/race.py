@@ -192,8 +192,12 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
         beat = {effects: min((end.cost for end in found.get(effects - timed, [])), default=math.inf) for effects in group}
         best = min((end.cost for ends in found.values() for end in ends), default=math.inf)
         found |= _fitted(contest, data, group, known, beat, best, contest.manner(manner))
-    size = contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
-    return {effects: contender_of(effects, group, size) for effects, group in found.items()}
+    return {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in found.items()}
+
+
+def _misfit_numbers(contest: Contest, noise: Noise) -> int | None:
+    """For `contender_of`: number of data where the noise is a misfit of unknown size."""
+    return contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
 
 
 def _fitted(
@@ -292,7 +296,9 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         noise = quiet
         best = found[leader].log_evidence
         # What was hopeless under more noise stays so under less.
-        found.update(race(contest, noise, [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS], found))
+        near = [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS]
+        found.update(race(contest, noise, near, found))
+    found.update(_kindred(contest, noise, wanted, found))
     stuck = noise.allowance > 0.0 and _leader(contest, found, wanted) == min(wanted, key=len)
     if stuck and contest.floor == NO_NOISE and contest.measurement.sigma is not None:
         # A set that holds within the table's noise explains more than the smallest one that needs a misfit of its own size.
@@ -302,6 +308,31 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
             noise, found = contest.floor, known_noise
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))
+
+
+def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
+    """Sets that differ from the leader by one force depending on motion, fitted from where it ended: what both name alike is alike.
+
+    A rub without friction is a stop; but while much was missing a descent to the stop may have ended without it. Those that gain.
+    """
+    leader = _leader(contest, found, wanted)
+    best, entries = found[leader].best, contest.space.entries
+    values = {(e.effect, e.label): e.scale * best.point[e.unknown] for e in entries}
+    kin: dict[Effects, Start] = {}
+    for effects in wanted:
+        gone, new = leader - effects, effects - leader
+        if len(gone) == len(new) == 1 and gone | new <= contest.timed:
+            point = np.where(contest.free(effects) & contest.free(leader), best.point, contest.space.given_unknowns())
+            (lost,) = gone
+            alike = [e for e in entries if e.effect in new and (lost, e.label) in values]
+            point[[e.unknown for e in alike]] = [values[lost, e.label] / e.scale for e in alike]
+            kin |= {effects: Start.at(best)._replace(point=point)} if alike else {}
+    if not kin:
+        return {}
+    masks, training = np.stack([contest.free(effects) for effects in kin]), np.broadcast_to(contest.training, (len(kin), len(contest.training)))
+    ends = descend(contest.space, contest.data(noise, best.point), list(kin.values()), masks, training, manner=contest.manner())
+    again = {effects: contender_of(effects, [end], _misfit_numbers(contest, noise)) for effects, end in zip(kin, ends, strict=True)}
+    return {effects: contender for effects, contender in again.items() if contender.log_evidence > found[effects].log_evidence}
 
 
 def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:

@@ -198,7 +198,7 @@ class CoulombFriction(RestoringEffect):
     source: ClassVar[str] = "Rao, Mechanical Vibrations, section 3.9; regularised: Andersson et al. 2007, Tribol. Int. 40:580-587"
     relatives: ClassVar[tuple[str, ...]] = ("damping_error", "quadratic_damping")
     sufficient: ClassVar[Plan] = AROUND
-    force_n: Array = parameter("friction force F_c", scale=1.0, of="damping_force")
+    force_n: Array = parameter("friction force F_c", scale=0.2, of="force")
 
     def force(self, instant: Instant) -> Array:
         return self.force_n * instant.velocity / length(instant.velocity, STICTION_SPEED)

@@ -202,7 +202,7 @@ class AxisDryFriction(AxisForce, RestoringEffect):
     source: ClassVar[str] = "Rao, Mechanical Vibrations, 5th edition, 2011, section 3.9; Andersson et al. 2007, Tribol. Int. 40:580-587"
     relatives: ClassVar[tuple[str, ...]] = ("coulomb_friction", "damping_error")
     sufficient: ClassVar[Plan] = AROUND
-    force_n: Array = parameter("friction force F", scale=1.0, of="damping_force")
+    force_n: Array = parameter("friction force F", scale=0.2, of="force")
 
     def force(self, instant: Instant) -> Array:
         rate = instant.velocity[self.axis()]

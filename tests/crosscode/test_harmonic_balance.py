@@ -77,6 +77,14 @@ def test_force_alone(name, gravity):
 
 
 @pytest.mark.parametrize("gravity", [NO_WEIGHT, DOWN], ids=["vertical", "horizontal"])
+def test_a_stop_three_times_as_stiff_as_the_shaft(gravity):
+    """With less friction than above, which the machine would not stay with."""
+    stiff, gap, slight, speeds = 3.0 * STIFFNESS[0], gap_for(gravity), 0.02, (190.0, 215.0, 240.0)
+    rotor = dataclasses.replace(PLAIN, gravity=gravity, forces=(in_time.rub(stiff, gap, slight, 1),))
+    assert_same(balanced([effects.Rub(stiff, 1 / gap, slight)], gravity, speeds=speeds), rotor, 1e-4, speeds=speeds)
+
+
+@pytest.mark.parametrize("gravity", [NO_WEIGHT, DOWN], ids=["vertical", "horizontal"])
 def test_probe_saturation(gravity):
     rotor = dataclasses.replace(PLAIN, gravity=gravity, bend=in_time.saturation(LIMIT))
     assert_same(balanced([effects.ProbeSaturation(1 / LIMIT)], gravity), rotor, SMOOTH)

@@ -9,6 +9,7 @@ from rotorjax import Jeffcott, Knowledge, Layout, Measurement, Model, effects, e
 from rotorjax.answer import notes
 from rotorjax.measurement import Uncertain
 
+import drawn_effects
 import hidden_forces
 import nonlinear_oracle as in_time
 from hidden import Plan
@@ -79,6 +80,15 @@ def test_poor_data_are_solved_or_left_open(name):
     assert "duffing" in open_names or found.verdict == "unexplained"
     assert len(found.effects) == 1
     assert found.story.fits[-1].estimate("duffing", "cubic_n_per_m3").value == pytest.approx(CUBIC, rel=0.02)
+
+
+def test_a_stop_is_not_taken_for_a_rub_without_friction():
+    """One probe, 1X: while much is missing, the descent to the stop ends without it; the rub has one parameter more and leads there."""
+    hidden = drawn_effects.draw(126)
+    assert (hidden.effects, hidden.handicap, hidden.measurement.orders) == (("clearance",), "one probe", (1.0,))
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("explained", ("clearance",))
+    assert ["rub"] not in [names for group in found.ties.groups() for names in group]
 
 
 def test_orders_that_were_not_measured_are_named():

@@ -1,0 +1,180 @@
+"""Effects of the catalogue, one or two, drawn by seed with machine, plan, noise and what is poor about the measurement; integrated in time, longhand."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from rotorjax import Conditions, Jeffcott, Knowledge, Layout, Measurement, Model
+from rotorjax.measurement import Uncertain
+
+import nonlinear_oracle as in_time
+from hidden import Machine
+from nonlinear_oracle import DOWN, NonlinearRotor
+from poor_data import cut
+
+RESTORING = ("duffing", "clearance", "rub", "crack", "asymmetric_shaft", "quadratic_damping", "coulomb_friction")
+LINEAR = (
+    "stiffness_error", "damping_error", "mass_error", "residual_unbalance", "residual_bow", "cross_coupling",
+    "probe_gain", "phase_reference_offset", "time_delay", "probe_angle",
+)  # fmt: skip
+MAIN = (*RESTORING, *RESTORING, *LINEAR, "nothing")
+"""Take turns."""
+HANDICAPS = ("none", "none", "one probe", "one run", "noise unknown", "uncertain mass")
+ORDERS = ((1.0,), (1.0, 2.0), (1.0, 2.0, 3.0), (0.0, 1.0, 2.0, 3.0))
+WEIGHED = ("crack", "asymmetric_shaft")
+"""Told by what the weight makes of them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hidden:
+    """What is hidden, and how well it can be seen."""
+
+    effects: tuple[str, ...]
+    handicap: str
+    model: Model
+    measurement: Measurement
+    weight: bool
+
+    @property
+    def words(self) -> str:
+        """The measurement in a few words."""
+        m = self.measurement
+        orders = " ".join(f"{order:g}" for order in m.orders)
+        return f"{len(m.run)} cases, orders {orders}{', weight' if self.weight else ''}" + (f", {self.handicap}" if self.handicap != "none" else "")
+
+
+@dataclasses.dataclass
+class _Rotor:
+    """One rotor as it is, to be changed by what is hidden."""
+
+    machine: Machine
+    amplitude: float
+    """Largest of the rotor without what is hidden [m]."""
+    grade: float
+    """Largest unbalance installed [kg m]."""
+    rng: np.random.Generator
+    gravity: tuple[float, float]
+    unbalance: complex = 0.0
+    bow: complex = 0.0
+    forces: tuple[in_time.Force, ...] = ()
+    probes: tuple[float, float] = (0.0, np.pi / 2)
+    gains: tuple[float, float] = (1.0, 1.0)
+    offset: float = 0.0
+    delay: float = 0.0
+
+    @property
+    def push(self) -> float:
+        """A force between half and three times the damping force at the largest amplitude [N]."""
+        return 2 * np.mean(self.machine.ratio) * np.mean(self.machine.stiffness) * self.amplitude * self.rng.uniform(0.5, 3.0)
+
+    def part(self, low: float, high: float) -> float:
+        return float(self.rng.uniform(low, high) * self.rng.choice([-1.0, 1.0]))
+
+    def turned(self, size: float) -> complex:
+        return complex(size * np.exp(2j * np.pi * self.rng.random()))
+
+    def hide(self, name: str) -> None:
+        """Add an effect of a size that is drawn."""
+        rng, a, stiffness = self.rng, self.amplitude, float(np.mean(self.machine.stiffness))
+        reach = a + (-self.gravity[1] * self.machine.mass / stiffness)
+        gap, stop = rng.uniform(0.5, 0.85) * reach, rng.uniform(0.1, 0.6) * stiffness
+        actions: dict[str, Callable[[], object]] = {
+            "nothing": lambda: None,
+            "duffing": lambda: self._add(in_time.duffing(self.push / a**3 * (-0.4 if rng.random() < 0.3 else 1.0))),
+            "clearance": lambda: self._add(in_time.clearance(stop, gap)),
+            "rub": lambda: self._add(in_time.rub(stop, gap, rng.uniform(0.05, 0.25), 1)),
+            "crack": lambda: self._add(in_time.crack(self.turned(rng.uniform(0.03, 0.1) * stiffness), 1, self.gravity)),
+            "asymmetric_shaft": lambda: self._add(in_time.asymmetric_shaft(self.turned(rng.uniform(0.01, 0.04) * stiffness), 1)),
+            "quadratic_damping": lambda: self._add(in_time.quadratic_damping(self.push / (self.machine.frequency * a) ** 2)),
+            "coulomb_friction": lambda: self._add(in_time.coulomb_friction(0.5 * self.push)),
+            "cross_coupling": lambda: self._add(_cross(self.part(0.2, 0.6) * 2 * float(np.mean(self.machine.ratio)) * stiffness)),
+            "stiffness_error": lambda: self._set(stiffness=tuple(k * (1 + self.part(0.02, 0.06)) for k in self.machine.stiffness)),
+            "mass_error": lambda: self._set(mass=self.machine.mass * (1 + self.part(0.02, 0.06))),
+            "damping_error": lambda: self._set(ratio=tuple(z * np.exp(self.part(0.2, 0.6)) for z in self.machine.ratio)),
+            "residual_unbalance": lambda: setattr(self, "unbalance", self.turned(rng.uniform(0.1, 0.6) * self.grade)),
+            "residual_bow": lambda: setattr(self, "bow", self.turned(rng.uniform(0.05, 0.4) * self.grade / self.machine.mass)),
+            "probe_gain": lambda: setattr(self, "gains", (1 + self.part(0.03, 0.1), 1 + self.part(0.03, 0.1))),
+            "phase_reference_offset": lambda: setattr(self, "offset", self.part(0.1, 0.5)),
+            "time_delay": lambda: setattr(self, "delay", rng.uniform(0.01, 0.05) * 2 * np.pi / self.machine.frequency),
+            "probe_angle": lambda: setattr(self, "probes", (self.part(0.03, 0.1), np.pi / 2 + self.part(0.03, 0.1))),
+        }
+        actions[name]()
+
+    def _add(self, force: in_time.Force) -> None:
+        self.forces = (*self.forces, force)
+
+    def _set(self, **values: object) -> None:
+        """The machine with other values; damping forces stay what they are unless their ratio is changed."""
+        before = self.machine.damping
+        machine = dataclasses.replace(self.machine, **values)  # pyright: ignore
+        if "ratio" not in values:
+            ratio = tuple(c / (2 * np.sqrt(k * machine.mass)) for c, k in zip(before, machine.stiffness, strict=True))
+            machine = dataclasses.replace(machine, ratio=ratio)  # pyright: ignore
+        self.machine = machine
+
+    def vectors(self, unbalance: complex, speed: float, orders: tuple[float, ...]) -> np.ndarray:
+        """As the chain shows them: gains, a turned reference, a late signal."""
+        m, installed = self.machine, unbalance + self.unbalance
+        rotor = NonlinearRotor(m.mass, m.stiffness, m.damping, gravity=self.gravity, unbalance=installed, bow=self.bow, forces=self.forces)
+        n = np.array(orders)
+        shown = rotor.vectors(speed, orders, self.probes) * np.array(self.gains)[:, None] * np.exp(-1j * n * (self.offset + speed * self.delay))
+        return np.where(n == 0.0, shown.real + 0j, shown)
+
+
+def _cross(stiffness: float) -> in_time.Force:
+    """k (y, -x)."""
+    return lambda angle, q, v, d: stiffness * np.array([q[1], -q[0]])
+
+
+def draw(seed: int) -> Hidden:
+    """Effects take turns; all else is drawn anew until the rotor settles into a motion that repeats itself every turn."""
+    rng = np.random.default_rng([1926, seed])
+    main = MAIN[seed % len(MAIN)]
+    while True:
+        second = str(rng.choice([name for name in LINEAR if name != main])) if main != "nothing" and rng.random() < 0.35 else None
+        hidden = tuple(name for name in (main, second) if name not in (None, "nothing"))
+        try:
+            return _measured(rng, hidden, str(rng.choice(HANDICAPS)))  # pyright: ignore
+        except (RuntimeError, np.linalg.LinAlgError):
+            continue
+
+
+def _measured(rng: np.random.Generator, hidden: tuple[str, ...], handicap: str) -> Hidden:
+    mass, frequency, split, ratio = np.exp(rng.uniform(np.log(0.3), np.log(20.0))), rng.uniform(80.0, 400.0), rng.uniform(0.0, 0.12), rng.uniform(0.01, 0.05)
+    stiffness = mass * frequency**2
+    declared = Machine(float(mass), (stiffness * (1 + split / 2), stiffness * (1 - split / 2)), (ratio, ratio * rng.uniform(0.7, 1.4)))
+    if handicap == "uncertain mass":
+        declared = dataclasses.replace(declared, mass=float(mass * rng.uniform(0.97, 1.03)))
+    machine = dataclasses.replace(declared, mass=float(mass))
+    machine = dataclasses.replace(machine, ratio=tuple(c / (2 * np.sqrt(k * mass)) for c, k in zip(declared.damping, machine.stiffness, strict=True)))
+    orders = ORDERS[rng.integers(len(ORDERS))]
+    speeds = np.sort(rng.uniform(0.5, 1.5, rng.integers(6, 10))) * frequency
+    grade = mass * rng.uniform(1e-5, 8e-5)
+    weights = [complex(grade * rng.uniform(0.3, 1.0) * np.exp(2j * np.pi * rng.random())) for _ in range(rng.integers(2, 4))]
+    springs = list(zip(machine.stiffness, machine.damping, strict=True))
+    amplitude = max(abs(w) * s**2 / abs(k - mass * s**2 + 1j * s * c) for w in weights for s in speeds for k, c in springs)
+    gravity = DOWN if any(name in WEIGHED for name in hidden) or rng.random() < 0.4 else (0.0, 0.0)
+    rotor = _Rotor(machine, float(amplitude), float(grade), rng, gravity)
+    for name in hidden:
+        rotor.hide(name)
+    clean = np.array([rotor.vectors(w, float(s), orders) for w in weights for s in speeds])
+    sigma = float(amplitude * 10 ** rng.uniform(-3.3, -2.0))
+    noisy = clean + sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
+    noisy = np.where(np.array(orders) == 0.0, noisy.real + 0j, noisy)
+    run = np.repeat(np.arange(len(weights)), len(speeds))
+    installed = np.array([[[w.real, w.imag]] for w in weights])[run]
+    conditions = Conditions.at(np.tile(speeds, len(weights)), unbalance=installed)
+    names = tuple(f"run{k}" for k in range(len(weights)))
+    there, errors = np.ones(noisy.shape, bool), np.full(noisy.shape, sigma)
+    measurement = Measurement(names, ("X", "Y"), orders, run, ("",) * len(run), conditions, noisy, there, errors, "given")
+    every = list(range(len(run)))
+    measurement = {
+        "none": lambda: measurement,
+        "one probe": lambda: cut(measurement, every, probe=int(rng.integers(2))),
+        "one run": lambda: cut(measurement, np.flatnonzero(run == 0).tolist()),
+        "noise unknown": lambda: dataclasses.replace(measurement, sigma=None, noise="unknown"),
+        "uncertain mass": lambda: dataclasses.replace(measurement, knowledge=Knowledge(uncertain=(Uncertain("mass_error", "error", 0.03, True, "mass"),))),
+    }[handicap]()
+    rotor_declared = Jeffcott(declared.mass, list(declared.stiffness), list(declared.ratio), gravity=list(gravity))
+    return Hidden(hidden, handicap, Model(rotor_declared, layout=Layout(orders=orders)), measurement, any(gravity))
