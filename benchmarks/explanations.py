@@ -18,12 +18,12 @@ import tabulate
 from timing import timed
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from drawn_effects import Hidden, draw
-
 from rotorjax import explain
 from rotorjax.discovery.explain import Explanation
 from rotorjax.io.files import write_whole
 from rotorjax.tables import number
+
+from drawn_effects import Hidden, draw
 
 ABOUT = """One effect of the catalogue or two, or none, drawn by seed with machine, plan, noise and what is poor about the measurement; integrated in time.
 Seeds below 25 and 100 to 149 were looked at while the method was made.
