@@ -248,10 +248,15 @@ def _corrected(frozen: System, finer: System, by_miss: Array, motion: Coefficien
     return jax.lax.while_loop(lambda state: state[2] & (state[3] < CORRECTIONS), step, begin)[0]
 
 
-def settled(system: System, start: Coefficients) -> Coefficients:
-    """The steady state to which Newton's method leads from a start, or not a number. Not to be differentiated."""
-    root = _newton(system, start, Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(())), _tolerance(system))
-    return jnp.where(root.good, root.point, jnp.nan)
+def settled(system: System, start: Coefficients, finer: System | None = None) -> Coefficients:
+    """The steady state to which Newton's method leads from a start, or not a number. Not to be differentiated.
+
+    **Arguments:** ``finer``: as in `balance`, to end with.
+    """
+    tolerance = _tolerance(system)
+    root = _newton(system, start, Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(())), tolerance)
+    point = root.point if finer is None else _corrected(system, finer, root.inverse, root.point, tolerance)
+    return jnp.where(root.good, point, jnp.nan)
 
 
 def search(system: System) -> Coefficients:

@@ -255,6 +255,11 @@ class Ready(NamedTuple):
         """The equations of harmonic balance."""
         return restoring_system(self.model, self.condition, self.grid, self.assembled)
 
+    @property
+    def finer(self) -> System:
+        """The same with more instants."""
+        return restoring_system(self.model, self.condition, self.grid.finer, self.assembled)
+
     def shown(self, motion: Coefficients, orders: tuple[float, ...]) -> Complex[Array, "probe order"]:
         """What the probes show of a motion, at some orders of the grid."""
         read = _read(self.model, self.grid, self.assembled, self.chain, to_complex(motion))
@@ -264,13 +269,13 @@ class Ready(NamedTuple):
 def timed_vectors(model: Model, condition: Conditions, near: Near | None = None) -> tuple[Complex[Array, "probe order"], Balance]:
     """Vectors of one case by harmonic balance, and the balance itself; without ``near`` after a search."""
     ready = Ready.of(model, condition)
-    whole, condition, grid, assembled, _ = ready
+    whole, condition, grid, assembled, chain = ready
     system = ready.system
     if not restoring(model):
         found = Balance(system.free, jnp.asarray(BALANCED))
     else:
-        fixed = jax.lax.stop_gradient((whole, condition, assembled))
-        frozen, finer = (restoring_system(fixed[0], fixed[1], at, fixed[2]) for at in (grid, grid.finer))
+        fixed = Ready(*jax.lax.stop_gradient((whole, condition)), grid, *jax.lax.stop_gradient((assembled, chain)))
+        frozen, finer = fixed.system, fixed.finer
         if near is None:
             found = balance(system, frozen, finer, _with_fractions(frozen, grid, search(frozen)))
         else:

@@ -257,7 +257,7 @@ def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep do
     starts = jnp.concatenate([near, jnp.asarray(STARTS)[:, None, None] * system.free[None] + push[None]])
     if ready.grid.turns > 1:
         starts = jnp.concatenate([starts, jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None] + _pushes(system.free)])
-    return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free)))(starts)
+    return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free), ready.finer))(starts)
 
 
 def _pushes(free: Coefficients) -> Float[Array, "start dof coefficient"]:
