@@ -8,19 +8,17 @@ an hour; prints a line for each and writes a table.
 """
 
 import argparse
-import collections
 import sys
 from pathlib import Path
 
 import jax
 import numpy as np
-import tabulate
 from timing import timed
+from verdicts import summary, write_page
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from rotorjax import explain
 from rotorjax.discovery.explain import Explanation
-from rotorjax.io.files import write_whole
 from rotorjax.tables import number
 
 from drawn_effects import Hidden, draw
@@ -48,12 +46,6 @@ def judged(hidden: Hidden, found: Explanation) -> str:
     return "left open"
 
 
-def summary(rows: list[list[str]]) -> str:
-    """How many of each verdict."""
-    counts = collections.Counter(row[-1] for row in rows)
-    return f"{len(rows)} cases: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common()) + "."
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=200, help="seed to begin with (%(default)s)")
@@ -76,10 +68,9 @@ def main() -> None:
         rows.append(row)
         print(" | ".join(row), f"({seconds:.0f} s)", flush=True)
     heads = ["seed", "hidden", "measured", "rms before / noise", "verdict", "answer", "tied with", "after", "p", "judged"]
-    table = tabulate.tabulate(rows, heads, tablefmt="pipe", disable_numparse=True)
     print(summary(rows))
     if arguments.output:
-        write_whole(arguments.output / "explanations.md", f"# Effects drawn by seed, explained\n\n{ABOUT}\n\n{summary(rows)}\n\n{table}\n")
+        write_page(arguments.output / "explanations.md", "Effects drawn by seed, explained", ABOUT, heads, rows)
     sys.exit(int(any(row[-1] == "WRONG" for row in rows)))
 
 

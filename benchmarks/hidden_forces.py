@@ -8,13 +8,12 @@ while the method was made. Some ten minutes; prints a line for each and writes a
 """
 
 import argparse
-import collections
 import sys
 from pathlib import Path
 
 import jax
 import numpy as np
-import tabulate
+from verdicts import write_page
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from drawn_forces import Drawn, draw, measured
@@ -22,7 +21,6 @@ from drawn_forces import Drawn, draw, measured
 from rotorjax import fit
 from rotorjax.discovery.named_force import NamedForce, name_force
 from rotorjax.effects.terms import TERMS
-from rotorjax.io.files import write_whole
 from rotorjax.tables import number
 
 ABOUT = """Machine, plan, noise, shape, axis and size are drawn, and the motion is integrated in time. Errors are root mean squares over those of the noise.
@@ -52,12 +50,6 @@ def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
     return "with others" if drawn.term in names else "left open" if not found.enough else "WRONG"
 
 
-def summary(rows: list[list[str]]) -> str:
-    """How many of each verdict."""
-    counts = collections.Counter(row[-1] for row in rows)
-    return f"{len(rows)} cases: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.most_common()) + "."
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=500, help="seed to begin with (%(default)s)")
@@ -82,9 +74,8 @@ def main() -> None:
         rows.append([str(seed), f"{drawn.shape}, {drawn.axis}", plan, number(drawn.signal, 2), *answer])
         print(" | ".join(rows[-1]), flush=True)
     heads = ["seed", "hidden", "measured", "amplitude / noise", "named", "hardly worse", "rms before / noise", "after", "verdict"]
-    table = tabulate.tabulate(rows, heads, tablefmt="pipe", disable_numparse=True)
     if arguments.output:
-        write_whole(arguments.output / "hidden_forces.md", f"# Forces outside the catalogue, drawn by seed\n\n{ABOUT}\n\n{summary(rows)}\n\n{table}\n")
+        write_page(arguments.output / "hidden_forces.md", "Forces outside the catalogue, drawn by seed", ABOUT, heads, rows)
 
 
 if __name__ == "__main__":
