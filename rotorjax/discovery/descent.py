@@ -373,6 +373,11 @@ def _searched_motions(space: Space, data: Data, point: AnyArray) -> Float[Array,
     return searched_motions(space.at(jnp.asarray(point)), data.conditions)
 
 
+def searched(space: Space, data: Data, point: Float[np.ndarray, "param"]) -> Start:
+    """A start with the motions that the model has there, whatever was measured."""
+    return Start(point, np.asarray(_searched_motions(_nameless(space), filled(data), point))[: len(data.run)])
+
+
 def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np.ndarray, "start case cell latent"]:
     """B (I + BᵀB)^(-1/2) per run, B the scatter on the cases trained on: C⁻¹ = (I + BBᵀ)⁻¹ is the unit matrix less its square."""
     scatter = np.asarray(data.scatter)

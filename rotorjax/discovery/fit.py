@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 from rotorjax._core import CONVERGED, MICROMETRE, RESULT_TEXT, forget_compiled, require_float64
 from rotorjax.discovery.data import Data, declared_starts, make_data, make_folds, residual_vectors
-from rotorjax.discovery.descent import End, Local, Start, best_of, descend, starts_at
+from rotorjax.discovery.descent import End, Local, Start, best_of, descend, predict, searched, starts_at
 from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
@@ -190,7 +190,10 @@ def _fit(stage: Stage) -> Fit:
     if not (now.settled and now.misfit == 0.0):
         wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
         again = _settle(stage, floor, [Start.at(wide.best)])
-        now = min((now, wide, again), key=lambda r: (r.misfit > 0.0, r.minus_log_posterior))
+        rounds = [now, wide, again]
+        if given := _better_as_given(stage, min(rounds, key=_likeliest)):
+            rounds.append(_settle(stage, floor, [given]))
+        now = min(rounds, key=_likeliest)
     return summarise(stage, now, None, "not asked for")
 
 
@@ -214,6 +217,23 @@ class Round(NamedTuple):
         """Up to a constant; the noise's own normalisation counts, so that allowances can be compared."""
         weight = np.asarray(self.data.weight)
         return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
+
+
+def _likeliest(fitted: Round) -> tuple[bool, float]:
+    return fitted.misfit > 0.0, fitted.minus_log_posterior
+
+
+def _better_as_given(stage: Stage, found: Round) -> Start | None:
+    """The values that the model came with and the motion that they cause, where they do better than what was found near the measured motion.
+
+    What holds a rotor still does so at its own motion only: along the noise that was measured in its place it is too much.
+    """
+    m, given = stage.measurement, stage.space.given_unknowns()
+    if not np.any(given[stage.space.timed()]):
+        return None
+    shown = predict(stage.space, m.conditions, given[None])[0]
+    better = np.all(np.isfinite(shown)) and m.rms_of(shown) < m.rms_of(found.best.shown)
+    return searched(stage.space, found.data, given) if better else None
 
 
 def _settle(stage: Stage, allowance: float, starts: list[Start]) -> Round:
