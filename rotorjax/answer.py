@@ -180,6 +180,7 @@ def notes(found: Explanation) -> list[str]:
     lines = []
     lines += _same_bow(found)
     lines += [line for line in [_apart(found)] if line]
+    lines += [f"Only its size speaks against {listed(t.effects)}: {number(t.size, 2)} times what is usual." for t in found.ties.tied if t.size is not None]
     lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
     if found.next_measurement is not None:
         n = found.next_measurement

@@ -104,6 +104,11 @@ class End(NamedTuple):
     """False where forces that depend on motion were only laid along the measured motion."""
 
     @property
+    def data_cost(self) -> float:
+        """The cost without the prior's: values many prior scales large may still be right."""
+        return self.cost - 0.5 * float(np.sum(self.point[self.free] ** 2))
+
+    @property
     def hessian(self) -> Float[np.ndarray, "param param"]:
         """Hessian by all unknowns; those that were not free have their prior's."""
         full = np.eye(len(self.point))
@@ -316,7 +321,7 @@ class _Group:
             for k in sorted((k for k in own if k in fresh), key=lambda k: ends[k].cost):
                 if ends[k].cost <= starts[k].beat - LEAST_GAIN:
                     first = sets.setdefault(ends[k].free.tobytes(), k) == k
-                    worth += [k] if ends[k].cost <= limit or (first and len(sets) <= SURE) else []
+                    worth += [k] if ends[k].data_cost <= limit or (first and len(sets) <= SURE) else []
         return worth
 
     def _near_measured(self, starts: list[Start], tasks: _Task, point: np.ndarray) -> list[End]:
@@ -397,11 +402,11 @@ def _absorbed(data: Data, training: Float[np.ndarray, "start case"]) -> Float[np
 
 def _going_on(ends: list[End], rivals: Int[np.ndarray, "start"], trained: Int[np.ndarray, "start"], leg: int, bar: np.ndarray, *, strict: bool) -> np.ndarray:
     """Descents worth another leg: not at their end, not hopeless, and among the best of those for the same unknowns."""
-    cost = np.array([end.cost for end in ends])
+    cost, of_data = np.array([end.cost for end in ends]), np.array([end.data_cost for end in ends])
     waiting = np.array([end.result == MAX_STEPS for end in ends])
     for task in np.unique(trained) if leg > 0 or strict else ():
         own = trained == task
-        waiting[own] &= cost[own] < np.minimum(cost[own].min(), bar[own]) + (TIMED_HOPELESS if strict and leg > 0 else HOPELESS)
+        waiting[own] &= of_data[own] < np.minimum(cost[own].min(), bar[own]) + (TIMED_HOPELESS if strict and leg > 0 else HOPELESS)
     for rival in np.unique(rivals[waiting]):
         own = np.flatnonzero(rivals == rival)
         ranked = own[np.argsort(cost[own], kind="stable")]

@@ -311,9 +311,10 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
 
 
 def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
-    """Sets that differ from the leader by one force depending on motion, fitted from where it ended: what both name alike is alike.
+    """Sets that share forces depending on motion with the leader, fitted from where it ended: its parts, and those with one such force for another.
 
-    A rub without friction is a stop; but while much was missing a descent to the stop may have ended without it. Those that gain.
+    What both name alike is alike: a rub without friction is a stop. While much was missing a descent may have ended without it, or, where
+    friction is strong, found no motion. Those that gain.
     """
     leader = _leader(contest, found, wanted)
     best, entries = found[leader].best, contest.space.entries
@@ -321,12 +322,14 @@ def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known
     kin: dict[Effects, Start] = {}
     for effects in wanted:
         gone, new = leader - effects, effects - leader
+        point = np.where(contest.free(effects) & contest.free(leader), best.point, contest.space.given_unknowns())
         if len(gone) == len(new) == 1 and gone | new <= contest.timed:
-            point = np.where(contest.free(effects) & contest.free(leader), best.point, contest.space.given_unknowns())
             (lost,) = gone
             alike = [e for e in entries if e.effect in new and (lost, e.label) in values]
             point[[e.unknown for e in alike]] = [values[lost, e.label] / e.scale for e in alike]
             kin |= {effects: Start.at(best)._replace(point=point)} if alike else {}
+        elif gone and not new and effects & contest.timed:
+            kin[effects] = Start.at(best)._replace(point=point)
     if not kin:
         return {}
     masks, training = np.stack([contest.free(effects) for effects in kin]), np.broadcast_to(contest.training, (len(kin), len(contest.training)))

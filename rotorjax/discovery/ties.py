@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
 from rotorjax._core import numpy_pair
 from rotorjax.discovery.data import half_order_sign
@@ -22,7 +23,9 @@ from rotorjax.model import Effect
 SCALES = (1.0 / 3.0, 3.0)
 """Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
 NEAR = 15.0
-"""Log evidence behind the winner up to which the repetition is worth it."""
+"""Log evidence behind the winner up to which the repetition is worth it, beyond what wider scales can give back."""
+LARGEST = 30.0
+"""Factor on the prior scales of forces that depend on motion: nobody knows beforehand how large a cubic spring or friction is."""
 AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
 TRIED_PAIRS = 5
@@ -41,6 +44,8 @@ class Alternative(NamedTuple):
     contender: Contender
     apart: float
     """Root mean square difference of its predictions from the answer's, in standard errors of the measured cells."""
+    size: float | None = None
+    """Prior scales that its force is large, where nothing else speaks against it."""
 
 
 class Ties(NamedTuple):
@@ -62,7 +67,8 @@ class Ties(NamedTuple):
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3. Whether
+    An alternative ties if its log evidence is less than 3 behind, if it leads under prior scales times 1/3 or 3, or if its own force,
+    which depends on motion, only is larger than expected: its prior scales up to 30 times as wide. Whether
     it then predicts the same, or differs and fits no worse, is told with it. One with more determined parameters that
     fits no better contains the answer: that is no tie.
     """
@@ -71,13 +77,13 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     every = list(itertools.chain(*swaps.values()))
-    open_still = [h for h in every if h not in selection.known or _near(contest, h, selection.known[h].log_evidence, winner)]
+    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], answer), winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
-    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
-    leads = _leads_elsewhere(contest, noise, winner, others)
+    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, answer) < NEAR]
+    leads, large = _leads_elsewhere(contest, noise, winner, others), _leads_if_large(contest, noise, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
@@ -86,8 +92,8 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
             if len(instead) <= len(gone):
                 contains.append(alternative)
-        elif gap < TIE or other.effects in leads:
-            tied.append(alternative)
+        elif gap < TIE or other.effects in leads or other.effects in large:
+            tied.append(alternative._replace(size=large.get(other.effects) if gap >= TIE else None))
     return Ties(_simplest(tied), tuple(contains), winner)
 
 
@@ -143,18 +149,41 @@ def _determined(end: End) -> int:
 def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
     """Those of the others that lead the winner under wider or narrower priors."""
     leads: set[Effects] = set()
+    every = np.zeros(len(contest.space.entries), bool)
+    every[[e.unknown for e in contest.space.entries if not e.declared_uncertain]] = True
     for factor in SCALES if others else ():
-        changed, known = _rescaled(contest, factor, [winner, *others])
+        changed, known = _rescaled(contest, np.where(every, factor, 1.0), [winner, *others])
         again = race(changed, noise, known, known)
         leads |= {c.effects for c in others if again[c.effects].log_evidence > again[winner.effects].log_evidence}
     return leads
 
 
-def _rescaled(contest: Contest, factor: float, contenders: list[Contender]) -> tuple[Contest, Known]:
-    """The contest with all prior scales times a factor, what the user declared uncertain excepted."""
-    own = np.array([not e.declared_uncertain for e in contest.space.entries])
-    per_unknown = np.ones(len(own))
-    per_unknown[[e.unknown for e in contest.space.entries if not e.declared_uncertain]] = factor
-    space = dataclasses.replace(contest.space, scale=contest.space.scale * jnp.asarray(np.where(own, factor, 1.0)))
-    known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / per_unknown) for end in c.ends), -math.inf) for c in contenders}
+def _new_forces(contest: Contest, other: Contender, answer: Effects) -> Bool[np.ndarray, "param"]:
+    """Unknowns of the forces depending on motion that an alternative adds to a set."""
+    return contest.only_of((other.effects - answer) & contest.timed)
+
+
+def _at_best(contest: Contest, other: Contender, answer: Effects) -> float:
+    """Log evidence, without what wider prior scales could give back of what values many scales large cost."""
+    wider, free = np.where(_new_forces(contest, other, answer), LARGEST, SCALES[-1]), other.best.free
+    return other.log_evidence + 0.5 * float(np.sum((1.0 - wider[free] ** -2.0) * other.best.point[free] ** 2))
+
+
+def _leads_if_large(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> dict[Effects, float]:
+    """Those of the others that lead the winner where their new forces are expected to be as large as they are, and how many prior scales that is."""
+    leads: dict[Effects, float] = {}
+    for other in others:
+        new = _new_forces(contest, other, winner.effects)
+        size = float(np.sqrt(np.mean(other.best.point[new] ** 2))) if new.any() else 0.0
+        if size > 1.0:
+            changed, known = _rescaled(contest, np.where(new, min(size, LARGEST), 1.0), [other])
+            again = race(changed, noise, known, known)[other.effects]
+            leads |= {other.effects: size} if again.log_evidence > winner.log_evidence else {}
+    return leads
+
+
+def _rescaled(contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]) -> tuple[Contest, Known]:
+    """The contest with the prior scale of every unknown times a factor."""
+    space = dataclasses.replace(contest.space, scale=contest.space.scale * jnp.asarray(factors[np.asarray(contest.space.unknown)]))
+    known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf) for c in contenders}
     return dataclasses.replace(contest, space=space), known

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Jeffcott, Knowledge, Layout, Measurement, Model, effects, explain
-from rotorjax.answer import notes
+from rotorjax.answer import explanation_text, notes
 from rotorjax.measurement import Uncertain
 
 import drawn_effects
@@ -89,6 +89,24 @@ def test_a_stop_is_not_taken_for_a_rub_without_friction():
     found = explain(hidden.model, hidden.measurement, thorough=False)
     assert (found.verdict, found.effects) == ("explained", ("clearance",))
     assert ["rub"] not in [names for group in found.ties.groups() for names in group]
+
+
+def test_friction_whose_motion_is_not_found_at_once_is_not_left_in_a_stack():
+    """The first race finds no motion under friction alone; beside two others it does, and what is not needed goes."""
+    hidden = drawn_effects.draw(313)
+    assert (hidden.effects, hidden.handicap) == (("coulomb_friction",), "none")
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("explained", ("coulomb_friction",))
+
+
+def test_a_force_is_not_excluded_by_its_size_alone():
+    """One run: a stop, and a cubic spring of seven prior scales, which is the truth, do as well. What would decide is said."""
+    hidden = drawn_effects.draw(300)
+    assert (hidden.effects, hidden.handicap) == (("duffing",), "one run")
+    found = explain(hidden.model, hidden.measurement)
+    assert (found.verdict, found.ties.groups()) == ("undecided", [[["clearance"], ["duffing"]]])
+    assert found.next_measurement is not None
+    assert "Only its size speaks against duffing: 7.1 times what is usual." in explanation_text(found)
 
 
 def test_orders_that_were_not_measured_are_named():
