@@ -149,8 +149,7 @@ def _determined(end: End) -> int:
 def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
     """Those of the others that lead the winner under wider or narrower priors."""
     leads: set[Effects] = set()
-    every = np.zeros(len(contest.space.entries), bool)
-    every[[e.unknown for e in contest.space.entries if not e.declared_uncertain]] = True
+    every = contest.only_of({e.effect for e in contest.space.entries})
     for factor in SCALES if others else ():
         changed, known = _rescaled(contest, np.where(every, factor, 1.0), [winner, *others])
         again = race(changed, noise, known, known)
