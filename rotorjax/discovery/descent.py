@@ -104,9 +104,14 @@ class End(NamedTuple):
     """False where forces that depend on motion were only laid along the measured motion."""
 
     @property
+    def prior_cost(self) -> float:
+        """What of the cost is the distance of the values from the prior's centre."""
+        return 0.5 * float(np.sum(self.point[self.free] ** 2))
+
+    @property
     def data_cost(self) -> float:
         """The cost without the prior's: values many prior scales large may still be right."""
-        return self.cost - 0.5 * float(np.sum(self.point[self.free] ** 2))
+        return self.cost - self.prior_cost
 
     @property
     def hessian(self) -> Float[np.ndarray, "param param"]:

@@ -77,12 +77,12 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     every = list(itertools.chain(*swaps.values()))
-    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], answer), winner)]
+    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], winner), winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
-    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, answer) < NEAR]
+    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
     leads, large = _leads_elsewhere(contest, noise, winner, others), _leads_if_large(contest, noise, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
@@ -162,10 +162,11 @@ def _new_forces(contest: Contest, other: Contender, answer: Effects) -> Bool[np.
     return contest.only_of((other.effects - answer) & contest.timed)
 
 
-def _at_best(contest: Contest, other: Contender, answer: Effects) -> float:
-    """Log evidence, without what wider prior scales could give back of what values many scales large cost."""
-    wider, free = np.where(_new_forces(contest, other, answer), LARGEST, SCALES[-1]), other.best.free
-    return other.log_evidence + 0.5 * float(np.sum((1.0 - wider[free] ** -2.0) * other.best.point[free] ** 2))
+def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
+    """Log evidence, with the most that wider prior scales could give back of what large values cost it and not the winner."""
+    everywhere = (1.0 - SCALES[-1] ** -2.0) * (other.best.prior_cost - winner.best.prior_cost)
+    new = other.best.point[_new_forces(contest, other, winner.effects)]
+    return other.log_evidence + max(0.0, everywhere, 0.5 * (1.0 - LARGEST**-2.0) * float(np.sum(new**2)))
 
 
 def _leads_if_large(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> dict[Effects, float]:
