@@ -241,7 +241,8 @@ def _apart(found: Explanation) -> str | None:
 
 
 def _contains(other: Alternative) -> str:
-    return f"{listed(other.effects)} contains {listed(other.instead_of)} and is not needed (log evidence {number(other.gap, 2)} behind)."
+    verbs = ("contains", "is") if len(other.effects) == 1 else ("together contain", "are")
+    return f"{listed(other.effects)} {verbs[0]} {listed(other.instead_of)} and {verbs[1]} not needed (log evidence {number(other.gap, 2)} behind)."
 
 
 def ranking_tables(found: Explanation) -> list[Table]:

@@ -90,7 +90,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         gap = winner.log_evidence - other.log_evidence
         alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other, _apart(contest, noise, winner.best, other.best))
         if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
-            if len(instead) <= len(gone):
+            if len(instead) <= len(gone) or instead <= set(itertools.chain.from_iterable(catalog[name].relatives for name in gone)):
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads or other.effects in large:
             tied.append(alternative._replace(size=large.get(other.effects) if gap >= TIE else None))
