@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= output
-# Test processes; each takes up to 4 GB.
+# Test processes; each takes up to 4 GB. In the order of the folders the long files come before the short ones.
 WORKERS ?= 2
 
 .PHONY: install run test lint benchmark paper notebooks clean
@@ -24,7 +24,7 @@ run: $(VENV)/.installed
 	$(BIN)/python experiments/stories.py --output $(OUTPUT)
 
 test: $(VENV)/.tested
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.tested
 	$(BIN)/ruff check .

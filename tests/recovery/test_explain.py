@@ -16,6 +16,7 @@ from rotorjax.effects import CATALOG
 from rotorjax.measurement import Uncertain
 from rotorjax.model import RestoringEffect, WaveformEffect
 
+import drawn_effects
 import hidden
 import hidden_forces
 from poor_data import cut
@@ -217,6 +218,15 @@ def test_half_orders_alone():
         measurement, orders=(0.5,), vectors=measurement.vectors[..., :1], present=measurement.present[..., :1], sigma=measurement.sigma[..., :1]
     )
     assert explain(model.with_orders((0.5,)), alone, thorough=False).effects == ("runout",)
+
+
+def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
+    """A turned phase reference, and probes that read too much by 4.0 and 4.5 %: one complex gain in other words."""
+    drawn = drawn_effects.draw(446)
+    assert drawn.effects == ("phase_reference_offset", "probe_gain")
+    found = explain(drawn.model, drawn.measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("explained", ("chain_gain",))
+    assert "phase_reference_offset and probe_gain together contain chain_gain and are not needed" in explanation_text(found)
 
 
 def test_limit_on_the_number_of_effects_is_kept_and_named():
