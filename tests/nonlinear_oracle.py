@@ -90,7 +90,10 @@ class NonlinearRotor:
         """
         period, units = 2 * np.pi / speed, np.array([1.0, 1.0, speed, speed])
         state = np.zeros(4) if start is None else np.asarray(start, float)
-        state = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, t_eval=[self.transient * period]).y[:, -1]
+        settled = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, t_eval=[self.transient * period])
+        if not settled.success:
+            raise RuntimeError(f"the motion runs away at {speed} rad/s: {settled.message}")
+        state = settled.y[:, -1]
         fine = {"rtol": 1e-12, "max_step": period / LEAST_STEPS}
         for _ in range(25):
             size = max(np.max(np.abs(state / units)), 1e-9)
