@@ -171,8 +171,8 @@ def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
 
 
 def _ties(found: Explanation) -> list[str]:
-    groups = [(names[0], [listed(other) if other else "nothing" for other in names[1:]]) for names in found.ties.groups()]
-    return [f"These data cannot tell {listed(own) if own else 'nothing'} from {', or from '.join(others)}." for own, others in groups]
+    groups = [(names[0], [listed(other) for other in names[1:]]) for names in found.ties.groups()]
+    return [f"These data cannot tell {listed(own)} from {', or from '.join(others)}." for own, others in groups]
 
 
 def notes(found: Explanation) -> list[str]:
@@ -236,7 +236,7 @@ def _apart(found: Explanation) -> str | None:
     differing = [t for t in found.ties.tied if t.apart > ALIKE]
     if not differing:
         return None
-    each = [f"{listed(t.effects) or 'nothing'} by {number(t.apart, 2)}" for t in differing]
+    each = [f"{listed(t.effects)} by {number(t.apart, 2)}" for t in differing]
     return f"Tied, though what they predict differs, in standard errors rms: {'; '.join(each)}. They miss elsewhere, not less."
 
 

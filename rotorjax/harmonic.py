@@ -16,6 +16,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float, Int
 
+from rotorjax.errors import InputError
+
 LEAST_ORDER, MARGIN = 7, 4
 """Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one measured."""
 SAMPLES, FINE_SAMPLES = 64, 256
@@ -88,12 +90,12 @@ class Grid(NamedTuple):
 def make_grid(orders: tuple[float, ...]) -> Grid:
     """The grid that holds these orders.
 
-    **Errors.** ``ValueError`` for an order that is no multiple of 1, 1/2, 1/3 or 1/4.
+    **Errors.** `InputError` for an order that is no multiple of 1, 1/2, 1/3 or 1/4.
     """
     turns = next((k for k in PARTS if all(abs(order * k - round(order * k)) < 1e-9 for order in orders)), None)
     if turns is None:
         shown = ", ".join(f"{order:g}" for order in orders)
-        raise ValueError(f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4")
+        raise InputError(f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4; leave the others out")
     highest = max(LEAST_ORDER, math.ceil(max(orders)) + MARGIN)
     return Grid(tuple(k / turns for k in range(highest * turns + 1)), turns)
 

@@ -109,9 +109,15 @@ class Measurement:
 
     def rms_of(self, predicted: Complex[np.ndarray, "case probe order"]) -> float:
         """Root mean square of |measured - predicted| over the cells present, half orders at the sign nearer to the prediction [m]."""
+        left = self.vectors * self.half_order_sign(predicted) - predicted
+        return float(np.sqrt(np.mean(np.abs(left[self.present]) ** 2)))
+
+    def half_order_sign(self, predicted: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case 1 order"]:
+        """The sign, one per case for all probes, that brings a measured half order nearer to the prediction: a once-per-turn reference leaves it open."""
+        weight = self.present if self.sigma is None else self.weights(0.0)[..., 0] ** 2
+        along = np.sum(np.real(self.vectors * np.conj(predicted)) * weight, axis=1, keepdims=True)
         half = np.array([is_half_order(order) for order in self.orders])
-        both = np.minimum(np.abs(self.vectors - predicted), np.where(half, np.abs(self.vectors + predicted), np.inf))
-        return float(np.sqrt(np.mean(both[self.present] ** 2)))
+        return np.where(half & (along < 0.0), -1.0, 1.0)
 
     @property
     def reach(self) -> float:

@@ -240,7 +240,7 @@ def comparison_text(story: Story) -> str:
     parts = [measurement_line(story.measurement), verdict(story)]
     if story.fits:
         parts += [table.text() for table in step_tables(story)]
-        parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
+    parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
     parts += [worst_cells(story.last, title).text(), share_table(story.last, "Share of the misfit").text()]
     return "\n\n".join(parts)

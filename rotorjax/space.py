@@ -108,6 +108,14 @@ class Space(eqx.Module):
                 mask[entry.unknown] = True
         return mask
 
+    def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
+        """Mask of the unknowns of these effects that the user did not declare uncertain."""
+        mask = np.zeros(len(self.entries), dtype=bool)
+        for entry in self.entries:
+            if entry.effect in effects and not entry.declared_uncertain:
+                mask[entry.unknown] = True
+        return mask
+
 
 def _given(model: Model) -> Float[np.ndarray, "param"]:
     leaves = jax.tree.leaves(model.effects)
@@ -120,14 +128,13 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
     **Arguments:** ``model`` with every effect whose parameters may be freed; ``knowledge``: what the user declared
     uncertain (its effects must be in the model) and prior scales to use instead of the effects' own.
     """
-    quantities = model.rotor.quantities()
     uncertain = {f"{u.effect}.{u.label}": u for u in knowledge.uncertain}
     groups: dict[str, int] = {}
     entries: list[Entry] = []
     for effect in model.effects:
         priors: Mapping[str, float] = knowledge.priors.get(effect.name, {})
         for declared in effect.parameters():
-            own = priors.get(declared.name, declared.scale * quantities[declared.of])
+            own = priors.get(declared.name, declared.prior_scale(model.rotor))
             for label in declared.labels(model.layout):
                 known = uncertain.get(f"{effect.name}.{label}")
                 unknown = len(entries) if known is None else groups.setdefault(known.group, len(entries))

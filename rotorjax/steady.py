@@ -5,6 +5,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -118,7 +119,7 @@ EVERY = Moment(-1, -1, -1, None)  # pyright: ignore
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _force(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor) -> Coefficients:
-    """Coefficients of the sum of all forces; no derivative by the rotor.
+    """Coefficients of the sum of all forces.
 
     What derivatives need, few slopes at every instant, is analysed once for all directions in which they are wanted.
     """
@@ -147,6 +148,15 @@ def _(effects: tuple[EffectOf, ...], grid: Grid, primals: tuple[Any, ...], tange
         change += along(by.bow, moved.bow @ synthesis)
     if not _is_zero(moved.speed):
         change += (along(by.velocity, inputs.motion @ rate) + by.speed) * moved.speed
+    by_rotor = jax.tree.map(lambda t: None if _is_zero(t) else t, tangents[1], is_leaf=_is_zero)
+    if jax.tree.leaves(by_rotor):
+        wanted, rest = eqx.partition(rotor, jax.tree.map(lambda t: not _is_zero(t), tangents[1], is_leaf=_is_zero))
+
+        def of_rotor(part: AbstractRotor) -> Array:
+            along_turn = jax.vmap(_forces(effects, eqx.combine(part, rest)), **over_instants)
+            return jnp.sum(along_turn(inputs.own, moments, angle), axis=0)
+
+        change += jax.jvp(of_rotor, (wanted,), (by_rotor,))[1]
     by_own, tangents_own = [], []
     for k, (own, tangent) in enumerate(zip(inputs.own, moved.own, strict=True)):
         if not _is_zero(tangent):

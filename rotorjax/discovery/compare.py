@@ -8,7 +8,7 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax._core import MICROMETRE
 from rotorjax.discovery.noise import reduced_chi2
-from rotorjax.measurement import Measurement, is_half_order, require_steady
+from rotorjax.measurement import Measurement, require_steady
 from rotorjax.model import AbstractRotor, Model
 from rotorjax.response import response
 
@@ -123,17 +123,9 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
 
 def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement, model: Model) -> Comparison:
     """The same for a prediction of the model that is at hand [m]."""
-    measured = measurement.vectors * _half_order_sign(predicted, measurement)
+    measured = measurement.vectors * measurement.half_order_sign(predicted)
     residual = np.where(measurement.present, measured - predicted, 0.0)
     real_axis = np.array(measurement.orders) == 0.0
     residual[:, :, real_axis] = np.real(residual[:, :, real_axis])
     standardised = None if measurement.sigma is None else np.abs(residual) * measurement.weights(0.0)[..., 0]
     return Comparison(measurement, measured, predicted, residual, standardised, reduced_chi2(measurement, model, residual))
-
-
-def _half_order_sign(predicted: np.ndarray, measurement: Measurement) -> Float[np.ndarray, "case 1 order"]:
-    """A once-per-turn reference leaves the sign of half orders open: the one nearer to the model, one per case."""
-    weight = measurement.present if measurement.sigma is None else measurement.weights(0.0)[..., 0] ** 2
-    along = np.sum(np.real(measurement.vectors * np.conj(predicted)) * weight, axis=1, keepdims=True)
-    half = np.array([is_half_order(order) for order in measurement.orders])
-    return np.where(half & (along < 0.0), -1.0, 1.0)

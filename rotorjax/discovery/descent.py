@@ -429,7 +429,8 @@ def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: i
     local = Local(np.asarray(error[k, :cases]), np.asarray(slopes[k, :cases, :, :size]))
     vectors = shown[k, :cases, ..., 0] + 1j * shown[k, :cases, ..., 1]
     motions = quadratic.memory[k][:cases] if quadratic.memory[k].ndim > 1 else np.zeros((0, *shape))
-    return End(point, cost, column, np.asarray(quadratic.hessian[k, :size, :size]), local, vectors, motions, steps, int(found.result[k]), exact=True)
+    curvature = np.asarray(quadratic.hessian[k, :size, :size]) if math.isfinite(cost) else np.eye(size)
+    return End(point, cost, column, curvature, local, vectors, motions, steps, int(found.result[k]), exact=True)
 
 
 @eqx.filter_jit

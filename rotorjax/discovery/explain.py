@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Complex
 from scipy.special import chdtrc
 
 from rotorjax._core import MICROMETRE, Tolerance, forget_compiled, numpy_pair, require_float64
@@ -19,12 +20,12 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
 from rotorjax.discovery.race import Contest, Effects, check_catalog, make_contest, misfit_left, race
-from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, select
+from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, select, share_of
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inverse import fault_sensitivity, installed_faults
-from rotorjax.measurement import Measurement, aligned_half_orders, is_half_order
+from rotorjax.measurement import Measurement, aligned_half_orders, is_half_order, require_steady
 from rotorjax.model import AbstractRotor, Effect, Model
 
 UNEXPLAINED = 0.01
@@ -32,7 +33,7 @@ UNEXPLAINED = 0.01
 LARGE = 0.1
 """Share of the measured size above which a residual of unknown noise is not put down to noise."""
 
-POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
+POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6), search=True)
 """How estimates are made: a thousandth of a log unit is a twentieth of a standard error."""
 
 Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
@@ -161,12 +162,20 @@ def explain(
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
     contest = make_contest(full, kept, candidates, catalog)
+    declared = predict(contest.space, kept.conditions, contest.space.given_unknowns()[None])[0]
+    require_steady(declared, kept)
     selection = select(contest, max_effects, progress=progress)
-    return _answer(full, selection, undriven, catalog, thorough, progress)
+    return _answer(full, declared, selection, undriven, catalog, thorough, progress)
 
 
 def _answer(
-    model: Model, selection: Selection, undriven: tuple[float, ...], catalog: Mapping[str, type[Effect]], thorough: bool, progress: Progress
+    model: Model,
+    declared: Complex[np.ndarray, "case probe order"],
+    selection: Selection,
+    undriven: tuple[float, ...],
+    catalog: Mapping[str, type[Effect]],
+    thorough: bool,
+    progress: Progress,
 ) -> Explanation:
     contest = selection.contest
     progress("what else would do as well")
@@ -190,8 +199,7 @@ def _answer(
         progress("whether a force outside the catalogue would do as well")
         named = other_force(fits[0], fits[-1], selection.effects, doubtful=bool(fits[-1].objections(selection.effects)))
         verdict = verdict if named is None else "undecided"
-    declared = compare_vectors(predict(contest.space, contest.measurement.conditions, contest.space.given_unknowns()[None])[0], contest.measurement, model)
-    story = Story(model, contest.measurement, declared, selection.effects, fits, views, (), undriven)
+    story = Story(model, contest.measurement, compare_vectors(declared, contest.measurement, model), selection.effects, fits, views, (), undriven)
     return Explanation(
         verdict=verdict,
         effects=selection.effects,
@@ -238,11 +246,9 @@ def _nominal(last: Fit) -> float:
 
 def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
     """What was detected and not added, each with the size of its part in the prediction."""
-    found, best = [], selection.known[selection.present].best
+    found, contender = [], selection.known[selection.present]
     for name in selection.small:
-        without = np.where(contest.only_of([name]), 0.0, best.point)
-        here, there = best.shown, predict(contest.space, contest.measurement.conditions, without[None])[0]
-        change = float(np.sqrt(np.mean(np.abs((here - there)[contest.measurement.present]) ** 2)))
+        change = share_of(contest, contender, name)
         share = 100.0 * change / contest.measurement.rms
         found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {share:.2g} % of what was measured"))
     return tuple(found)

@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
-from rotorjax._core import CONVERGED, MICROMETRE, RESULT_TEXT, forget_compiled, require_float64
+from rotorjax._core import CONVERGED, MICROMETRE, NOT_FINITE, RESULT_TEXT, forget_compiled, require_float64
 from rotorjax.discovery.data import Data, declared_starts, make_data, make_folds, residual_vectors
 from rotorjax.discovery.descent import End, Local, Start, best_of, descend, predict, searched, starts_at
 from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.effects import CATALOG
+from rotorjax.errors import InputError
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 from rotorjax.space import Entry, Space, make_space, with_company
@@ -25,6 +26,8 @@ MISFIT_ROUNDS = 12
 """Most alternations between a fit and the allowance for its misfit."""
 MISFIT_CHANGE = 0.02
 """Relative change of the allowance below which it stands."""
+NOT_STEADY = "no steady motion was found with these values, so that the prediction is only to first order along the measured motion"
+"""What a fit says whose forces that depend on motion were laid along the measured motion and no further."""
 PULLED = 3.0
 """A declared uncertain value that moves by more than this many of its standard deviations is a finding."""
 
@@ -88,7 +91,8 @@ class Fit:
     def objections(self, names: Iterable[str]) -> tuple[str, ...]:
         """What speaks against the values of these effects, each by name."""
         said = ((e.name, e.objection(self.model.rotor)) for e in self.model.effects if e.name in set(names))
-        return tuple(f"{name} {words}" for name, words in said if words is not None)
+        spoken = tuple(f"{name} {words}" for name, words in said if words is not None)
+        return spoken if self.end.exact else (*spoken, NOT_STEADY)
 
 
 class Stage(NamedTuple):
@@ -113,12 +117,12 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     **Arguments:** ``model``; ``measurement``; ``free``: names of the effects to fit, by default all that the model
     has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
     **Returns** a `Fit`, whose ``converged`` and ``result`` say how it ended.
-    **Errors.** ``ValueError`` in single precision, or for a name that the model lacks.
+    **Errors.** ``ValueError`` in single precision, or for a name that the model lacks; `InputError` where nothing is finite.
     """
     names = tuple(e.name for e in model.effects) if free is None else free
     if missing := [name for name in names if name not in model]:
         raise ValueError(f"the model has no {missing[0]!r} to fit; add it first: model + effect")
-    fitted = _fit(_stage(model, model, measurement, names, frozenset()))
+    fitted = _finite(_fit(_stage(model, model, measurement, names, frozenset())))
     return cross_validated(fitted) if held_out else fitted
 
 
@@ -145,8 +149,15 @@ def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *
     for count in range(len(additions) + 1):
         names = tuple(dict.fromkeys(effect.name for effect in additions[:count]))
         stage = _stage(model.plus(additions[:count]), everything, measurement, names, fixed)
-        fits.append(cross_validated(_fit(stage)))
+        fits.append(cross_validated(_finite(_fit(stage))))
     return fits
+
+
+def _finite(fitted: Fit) -> Fit:
+    """The same; `InputError` where no start has a finite cost."""
+    if not math.isfinite(fitted.end.cost):
+        raise InputError(f"{', '.join(fitted.free) or 'the model as declared'}: {RESULT_TEXT[NOT_FINITE]}")
+    return fitted
 
 
 def _stage(model: Model, everything: Model, measurement: Measurement, names: tuple[str, ...], fixed: frozenset[str]) -> Stage:
@@ -272,8 +283,8 @@ def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, 
         model=_kept(fitted, stage),
         estimates=_estimates(space, best, covariance, free),
         predicted=best.shown,
-        result=RESULT_TEXT[best.result],
-        converged=best.result == CONVERGED and now.settled,
+        result=RESULT_TEXT[best.result] if best.exact else NOT_STEADY,
+        converged=best.result == CONVERGED and now.settled and best.exact,
         steps=best.steps,
         reduced_chi2=reduced_chi2(measurement, fitted, left, fitted=int(free.sum()), noise=Noise(0.0, scatter or NO_SCATTER)),
         held_out_rms=held_out,

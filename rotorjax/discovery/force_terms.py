@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from rotorjax.discovery.missing_force import Balance, MissingForce, equations
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import GAP, STEP, TERMS, Shape, beyond, shapes
+from rotorjax.effects.terms import GAP, LEAST_FACTOR, LOGARITHMIC, STEP, TERMS, Shape, beyond, shapes
 from rotorjax.model import Effect, ReadingEffect, SpeedEffect, WaveformEffect
 
 FINER = (-0.05, -0.035, -0.02, -0.01, 0.01, 0.02, 0.035, 0.05)
@@ -267,6 +267,9 @@ class _Search:
             for key, part in factor.items():
                 coefficients[key] = float(value) * part
                 errors[key] = float(deviation) * abs(part) * math.sqrt(self.unit)
+                if shape.term in LOGARITHMIC:
+                    grown = max(1.0 + coefficients[key], LEAST_FACTOR)
+                    coefficients[key], errors[key] = math.log(grown), errors[key] / grown
         company = {id(s) for s, _ in last.own} - {id(shape)}
         near = [f for f in others if company <= {id(s) for s, _ in f.own} and self.cost(f) < self.cost(last) + LEAST_GAIN]
         names = (s.words for f in sorted(near, key=self.cost) for s, _ in f.own if id(s) not in company and s.term != shape.term)

@@ -118,7 +118,7 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
 
 def _believable(fitted: Fit) -> bool:
     """Whether a steady motion was found, and nothing speaks against the values."""
-    return fitted.end.exact and math.isfinite(_score(fitted)) and not fitted.objections(fitted.free)
+    return fitted.end.exact and math.isfinite(fitted.end.cost) and not fitted.objections(fitted.free)
 
 
 def _enough(fitted: Fit) -> bool:

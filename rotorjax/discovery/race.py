@@ -98,11 +98,7 @@ class Contest:
 
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
         """Unknowns of these effects alone."""
-        mask = np.zeros(len(self.space.entries), bool)
-        for entry in self.space.entries:
-            if entry.effect in effects and not entry.declared_uncertain:
-                mask[entry.unknown] = True
-        return mask
+        return self.space.only_of(effects)
 
     def model_at(self, contender: Contender) -> Model:
         """The full model at a contender's optimum."""

@@ -41,7 +41,7 @@ def rivals(fitted: Fit) -> list[Rival]:
     present = {e.name: type(e) for e in space.model.effects}
     found = []
     for name in fitted.free:
-        if not _only_of(fitted, name).any():
+        if not fitted.stage.space.only_of([name]).any():
             continue  # declared uncertain: estimated along whatever is added
         others = [n for n in fitted.free if n != name]
         candidates = [r for r in present[name].relatives if r in present and r not in fitted.stage.keep]
@@ -52,23 +52,15 @@ def rivals(fitted: Fit) -> list[Rival]:
 
 def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str | None) -> Rival:
     space = fitted.stage.space
-    free = space.free([*others, instead] if instead else others) & ~_only_of(fitted, name)
+    own = space.only_of([name])
+    free = space.free([*others, instead] if instead else others) & ~own
     from_here = fitted.end.point.copy()
-    from_here[_only_of(fitted, name)] = 0.0
+    from_here[own] = 0.0
     starts = declared_starts(space, free, fitted.stage.measurement.reach)
     starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
-    null = np.where(_only_of(fitted, name), 0.0, space.given_unknowns())
+    null = np.where(own, 0.0, space.given_unknowns())
     training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)
     best = best_of(descend(space, data, starts_at(np.where(free, starts, null)), free, training, kept=null))
     left = residual_vectors(best.local.error, data)[fitted.stage.measurement.present]
     rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
     return Rival(name, instead, rms, best.cost - fitted.end.cost)
-
-
-def _only_of(fitted: Fit, name: str) -> np.ndarray:
-    """Mask of the unknowns of an effect that the user did not declare uncertain."""
-    mask = np.zeros(len(fitted.stage.space.entries), bool)
-    for entry in fitted.stage.space.entries:
-        if entry.effect == name and not entry.declared_uncertain:
-            mask[entry.unknown] = True
-    return mask

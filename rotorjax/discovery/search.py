@@ -185,9 +185,14 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
 
 
 def matters(contest: Contest, contender: Contender, name: str) -> bool:
-    """Whether the prediction without this effect differs by more than the tolerance and 1 % of the rms response."""
+    """Whether the prediction without this effect differs by more than the tolerance and 1 % of the rms response, or has no steady motion."""
+    m = contest.measurement
+    return not share_of(contest, contender, name) <= max(m.knowledge.tolerance, MATTERS) * m.rms
+
+
+def share_of(contest: Contest, contender: Contender, name: str) -> float:
+    """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found without it."""
     m = contest.measurement
     without = np.where(contest.only_of([name]), 0.0, contender.best.point)
     here, there = contender.best.shown, predict(contest.space, m.conditions, without[None])[0]
-    change = float(np.sqrt(np.mean(np.abs((here - there)[m.present]) ** 2)))
-    return change > max(m.knowledge.tolerance, MATTERS) * m.rms
+    return float(np.sqrt(np.mean(np.abs((here - there)[m.present]) ** 2)))

@@ -10,9 +10,10 @@ from rotorjax._core import MICROMETRE
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
 from rotorjax.discovery.rivals import Rival, rivals
-from rotorjax.measurement import Measurement
+from rotorjax.measurement import Measurement, require_steady
 from rotorjax.model import Effect, Model
 from rotorjax.response import response
+from rotorjax.steady import is_timed
 from rotorjax.steady_states import steadiness
 
 CORRELATED = 0.95
@@ -89,7 +90,9 @@ def tell(model: Model, measurement: Measurement, additions: list[Effect], *, fix
     measurement = without_orders(measurement, undriven)
     fits = fit_steps(model, additions, measurement, fixed=fixed)
     views = tuple(compare_vectors(f.predicted, measurement, f.model) for f in fits)
-    declared = compare_vectors(_as_declared(fits[0], measurement), measurement, model)
+    predicted = _as_declared(fits[0], measurement)
+    require_steady(predicted, measurement)
+    declared = compare_vectors(predicted, measurement, model)
     return Story(model, measurement, declared, names, tuple(fits), views, tuple(rivals(fits[-1])), undriven)
 
 
@@ -99,8 +102,13 @@ def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:
 
 
 def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]:
-    """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of them."""
+    """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of them.
+
+    A force that depends on motion may drive any order, a stop for instance once the rotor reaches it.
+    """
     full = model.with_orders(measurement.orders)
+    if is_timed(full):
+        return ()
     stirred = full.plus([e.replaced([jnp.full_like(v, 1e-3) for v in e.values()]) for e in full.effects])
     size = np.max(np.abs(np.asarray(response(stirred, measurement.conditions))), axis=(0, 1))
     silent = tuple(order for order, largest in zip(measurement.orders, size, strict=True) if largest == 0.0)

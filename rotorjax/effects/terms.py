@@ -321,6 +321,10 @@ STEP = 1e-2
 """In prior scales: size at which a force is taken that is, or nearly, linear in its parameters."""
 BY_AXIS = ("stiffness_error", "damping_error", "speed_dependent_stiffness")
 """Effects whose axes are tried one by one."""
+LOGARITHMIC = ("damping_error",)
+"""Those of which a parameter is the logarithm of a factor."""
+LEAST_FACTOR = 0.05
+"""Least such factor that a force found can stand for: less cannot be said by its logarithm."""
 
 
 class Reach(NamedTuple):

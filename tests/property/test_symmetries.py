@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rotorjax import Conditions, Jeffcott, Measurement, Model, diagnose, effects, response
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, diagnose, effects, response
+from rotorjax.effects.terms import TERMS
 
 finite = st.floats(-1.0, 1.0, allow_subnormal=False)
 pairs = st.tuples(finite, finite)
@@ -55,6 +56,19 @@ def test_vmap_is_a_loop_and_jit_is_eager():
     np.testing.assert_allclose(together, alone, rtol=1e-13)
     with jax.disable_jit():
         np.testing.assert_allclose(np.asarray(response(LOADED, conditions)), together, rtol=1e-13)
+
+
+def test_gradients_reach_what_a_force_takes_of_the_rotor():
+    """A crack looks along gravity, a one-sided stiffness grows from the mean stiffness."""
+    conditions = Conditions.at([150.0, 220.0], unbalance=[1e-4, 0.0])
+
+    def size(share):
+        rotor = Jeffcott(0.9686, jnp.array([56538.0, 51282.0]) * share, jnp.array([0.05, 0.05]), gravity=jnp.array([share - 2.0, -9.81]))
+        model = Model(rotor, layout=Layout(orders=(1.0, 2.0))).plus([TERMS["term_unsymmetrical_x"](400.0), effects.Crack(2000.0, 1000.0)])
+        return jnp.sum(jnp.abs(response(model, conditions) * 1e4) ** 2)
+
+    difference = (size(1.0 + 1e-5) - size(1.0 - 1e-5)) / 2e-5
+    assert float(jax.grad(size)(1.0)) == pytest.approx(float(difference), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["mass", "stiffness", "damping_ratio"])

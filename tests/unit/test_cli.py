@@ -246,6 +246,23 @@ def test_explain_refuses_with_a_cure(example, capsys, option, message):
     assert not (example / "no.json").exists()
 
 
+def test_what_cannot_be_balanced_is_refused_with_a_cure(tmp_path, capsys):
+    """An order such as oil whirl has, under a force that depends on motion; a model that has no steady state as it was declared."""
+    csv, toml = write(tmp_path)
+    odd = csv.read_text(encoding="utf-8")
+    last = odd.strip().splitlines()[-1].split(",")
+    last[odd.splitlines()[0].split(",").index("order")] = "0.43"
+    csv.write_text(odd.rstrip() + "\n" + ",".join(last) + "\n", encoding="utf-8")
+    assert run("explain", csv, "--rig", toml, "--json", tmp_path / "no.json") == 2
+    assert "they must be multiples of 1, 1/2, 1/3 or 1/4; leave the others out" in capsys.readouterr().err
+    csv.write_text(odd.replace(",1500,", ",4500,"), encoding="utf-8")
+    toml.write_text(toml.read_text(encoding="utf-8") + "\n[effects.clearance]\nstiffness_n_per_m = 1e9\ninverse_gap_per_m = 1e5\n", encoding="utf-8")
+    for command in (("explain",), ("compare", "--effect", "residual_unbalance")):
+        assert run(*command, csv, "--rig", toml, "--json", tmp_path / "no.json") == 2
+        assert "no steady state that could be found for" in capsys.readouterr().err
+    assert not (tmp_path / "no.json").exists()
+
+
 def test_simulate_says_what_speaks_against_the_values(tmp_path, capsys):
     """A stop that the weight reaches; a rotor that excites itself; a crack deeper than the shaft; a stop so near that no steady state is found."""
     _, toml = write(tmp_path)

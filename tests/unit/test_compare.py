@@ -237,6 +237,7 @@ def test_nothing_to_fit_and_no_damping():
 
 def test_orders_that_nothing_drives_are_named():
     from rotorjax import tell
+    from rotorjax.discovery.story import undriven_orders
     from rotorjax.report import findings, verdict
 
     once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0, 2600.0], runs=2)
@@ -246,3 +247,20 @@ def test_orders_that_nothing_drives_are_named():
     assert story.undriven == (2.0,)
     assert any("Nothing in this model drives 2X" in line for line in findings(story))
     assert "what the noise allows" in verdict(story)
+    assert undriven_orders(Model(ROTOR).plus([effects.Clearance()]), measurement) == ()
+
+
+def test_both_probes_share_the_sign_of_a_half_order():
+    """Whirl in the opposite sense is another motion, whatever the sign that the reference leaves open."""
+    once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0])
+    forward, backward = (np.broadcast_to(np.array([1.0, turn])[None, :, None], once.vectors.shape) for turn in (1j, -1j))
+    measurement = dataclasses.replace(once, orders=(0.5,), vectors=forward)
+    assert measurement.rms_of(-forward) == 0.0
+    assert measurement.rms_of(backward) == pytest.approx(np.sqrt(2.0))
+
+
+def test_a_fit_without_a_steady_motion_says_so():
+    fitted = fit(Model(ROTOR) + effects.ResidualUnbalance(), made(Model(ROTOR), [1200.0, 1700.0, 2600.0], unbalance=[30e-6, 0.0]), held_out=False)
+    assert fitted.objections(["residual_unbalance"]) == ()
+    loose = dataclasses.replace(fitted, end=fitted.end._replace(exact=False))
+    assert "no steady motion was found with these values" in loose.objections(["residual_unbalance"])[0]

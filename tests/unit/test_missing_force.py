@@ -185,3 +185,11 @@ def test_picture_shows_the_largest_forces():
     assert axes[2].get_ylabel() == "force missing along x, N"
     assert len(axes[0].get_legend().get_texts()) == 4
     drawn.canvas.draw()
+
+
+@pytest.mark.parametrize("log_ratio", [1.5, -1.0])
+def test_damping_that_the_regression_finds_is_a_logarithm_as_its_effect_is(log_ratio):
+    found = missing_force(rotor(), measured(rotor() + effects.DampingError(0.0, log_ratio)))
+    (term,) = regress(found, effects.CATALOG)
+    assert term.term == "damping_error"
+    assert term.coefficients == pytest.approx({"log_ratio_y": log_ratio}, rel=1e-2)
