@@ -20,7 +20,7 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
 from rotorjax.discovery.race import Contest, Effects, check_catalog, make_contest, misfit_left, race
-from rotorjax.discovery.search import Progress, Ranked, Selection, ranking, select, share_of
+from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, ranking, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
@@ -248,9 +248,9 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
     """What was detected and not added, each with the size of its part in the prediction."""
     found, contender = [], selection.known[selection.present]
     for name in selection.small:
-        change = share_of(contest, contender, name)
-        share = 100.0 * change / contest.measurement.rms
-        found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {share:.2g} % of what was measured"))
+        change = change_by(contest, contender, name)
+        size = f"{change / MICROMETRE:.2g} µm rms, {100.0 * change / contest.measurement.rms:.2g} % of what was measured"
+        found.append(Small(name, f"it changes the prediction by {size}" if math.isfinite(change) else "without it no steady motion was found"))
     return tuple(found)
 
 

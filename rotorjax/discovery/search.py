@@ -187,10 +187,10 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
 def matters(contest: Contest, contender: Contender, name: str) -> bool:
     """Whether the prediction without this effect differs by more than the tolerance and 1 % of the rms response, or has no steady motion."""
     m = contest.measurement
-    return not share_of(contest, contender, name) <= max(m.knowledge.tolerance, MATTERS) * m.rms
+    return not change_by(contest, contender, name) <= max(m.knowledge.tolerance, MATTERS) * m.rms
 
 
-def share_of(contest: Contest, contender: Contender, name: str) -> float:
+def change_by(contest: Contest, contender: Contender, name: str) -> float:
     """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found without it."""
     m = contest.measurement
     without = np.where(contest.only_of([name]), 0.0, contender.best.point)
