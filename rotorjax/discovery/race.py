@@ -20,6 +20,8 @@ from rotorjax.space import Space, make_space, with_company
 
 MOST_STARTS, MOST_PARENTS = 8, 2
 """Starts of one set of effects, and known neighbours whose optima they come from."""
+MOST_LOST = 4
+"""Sets for which no motion was found that are fitted near the leader's."""
 MOST_ROUGH = 2
 """Optima that are kept of forces laid along the measured motion."""
 DISTINCT = 3.0
@@ -310,12 +312,15 @@ def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known
     """Sets that share forces depending on motion with the leader, fitted from where it ended: its parts, and those with one such force for another.
 
     What both name alike is alike: a rub without friction is a stop. While much was missing a descent may have ended without it, or, where
-    friction is strong, found no motion. Those that gain.
+    friction is strong, found no motion; then also sets with the same such forces, near the leader's motion, which is the measured one without its noise.
+    Those that gain.
     """
     leader = _leader(contest, found, wanted)
     best, entries = found[leader].best, contest.space.entries
     values = {(e.effect, e.label): e.scale * best.point[e.unknown] for e in entries}
-    kin: dict[Effects, Start] = {}
+    alike_forces = [effects for effects in wanted if leader & contest.timed and effects & contest.timed == leader & contest.timed]
+    lost = sorted((effects for effects in alike_forces if not found[effects].best.exact), key=lambda effects: found[effects].best.cost)[:MOST_LOST]
+    kin = {effects: Start.at(best)._replace(point=found[effects].best.point) for effects in lost if best.exact}
     for effects in wanted:
         gone, new = leader - effects, effects - leader
         point = np.where(contest.free(effects) & contest.free(leader), best.point, contest.space.given_unknowns())

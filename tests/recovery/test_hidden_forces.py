@@ -99,6 +99,16 @@ def test_friction_whose_motion_is_not_found_at_once_is_not_left_in_a_stack():
     assert (found.verdict, found.effects) == ("explained", ("coulomb_friction",))
 
 
+def test_what_is_beside_friction_is_looked_for_near_the_motion_of_what_leads():
+    """Near the motion measured, with its noise, friction lets none be found for the unbalance that is there; for a thermal bow it does."""
+    hidden = drawn_effects.draw(513)
+    assert (hidden.effects, hidden.handicap) == (("coulomb_friction", "residual_unbalance"), "one probe")
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    assert found.verdict == "undecided"
+    assert "coulomb_friction" in found.effects
+    assert sorted(names for group in found.ties.groups() for names in group) == [["residual_unbalance"], ["thermal_bow"]]
+
+
 def test_a_force_is_not_excluded_by_its_size_alone():
     """One run: a stop, and a cubic spring of seven prior scales, which is the truth, do as well. What would decide is said."""
     hidden = drawn_effects.draw(300)
