@@ -90,9 +90,14 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
 
 def _score(fitted: Fit) -> float:
     """Schwarz' criterion of what a fit leaves, for noise of unknown size (Schwarz 1978, Ann. Statist. 6:461-464)."""
+    return _left(fitted, len(fitted.estimates))
+
+
+def _left(fitted: Fit, counted: int) -> float:
+    """What a fit leaves, with a price for each of what is counted: parameters in Schwarz' criterion."""
     m = fitted.stage.measurement
     numbers = 2 * int(m.present.sum())
-    return numbers * math.log(max(m.rms_of(fitted.predicted), 1e-15) ** 2) + len(fitted.estimates) * math.log(numbers)
+    return numbers * math.log(max(m.rms_of(fitted.predicted), 1e-15) ** 2) + counted * math.log(numbers)
 
 
 def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int | None = None) -> NamedForce:
@@ -110,8 +115,11 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
     scores = {k: _score(fitted) for k, fitted in enumerate(fits) if _believable(fitted)}
     if not scores:
         return NamedForce(force, (), beside, None)
-    near = [k for k, score in scores.items() if score < min(scores.values()) + LEAST_GAIN]
-    best, *rivals = sorted(near, key=lambda k: (not _enough(fits[k]), len(likely[k]), scores[k]))
+    ranked = sorted(scores, key=lambda k: (not _enough(fits[k]), len(likely[k]), scores[k]))
+    best = next(k for k in ranked if scores[k] < min(scores.values()) + LEAST_GAIN)
+    # What a rival has to fit, a gap for instance, does not exclude it: only what it leaves, at a price for each term.
+    left = {k: _left(fits[k], len(likely[k])) for k in scores}
+    rivals = [k for k in ranked if k != best and (scores[k] < min(scores.values()) + LEAST_GAIN or left[k] < left[best] + LEAST_GAIN)]
     words = (_words(likely[k], fits[k]) for k in rivals if not {t.term for t in likely[best]} <= {t.term for t in likely[k]})
     return NamedForce(force, likely[best], beside, cross_validated(fits[best]), tuple(words))
 

@@ -97,6 +97,15 @@ def test_what_does_hardly_worse_is_said():
     assert found.enough
 
 
+def test_a_gap_that_has_to_be_fitted_does_not_exclude_a_rival():
+    """Without order 0 the square of y fits a little better than the dead band that is there, and has one parameter less."""
+    drawn = draw(721)
+    assert drawn.term == "term_dead_band_y"
+    declared = fit(*measured(drawn), free=(), held_out=False)
+    found = name_force(declared, declared, ())
+    assert any(words.startswith("dead band along y") for words in (found.words, *found.rivals))
+
+
 def test_one_named_effect_that_a_term_beats():
     """Drag along x alone: damping that is too small comes near, and the data have room for it; the term does far better."""
     force, term, _ = HIDDEN["quadratic damping along x"]
