@@ -12,7 +12,6 @@ from scipy.special import chdtrc
 from rotorjax._core import MICROMETRE, Tolerance, forget_compiled, numpy_pair, require_float64
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
-from rotorjax.discovery.data import half_order_sign
 from rotorjax.discovery.descent import QUICK, Start, best_of, descend, predict
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
@@ -25,7 +24,7 @@ from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inverse import fault_sensitivity, installed_faults
-from rotorjax.measurement import Measurement, aligned_half_orders, is_half_order, require_steady
+from rotorjax.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.model import AbstractRotor, Effect, Model
 
 UNEXPLAINED = 0.01
@@ -118,10 +117,8 @@ class Explanation:
         if measurement.sigma is None:
             return None
         weight = measurement.weights(0.0)
-        left = numpy_pair(end.shown)
-        sign = half_order_sign(left, numpy_pair(measurement.vectors), weight, np.array([is_half_order(n) for n in measurement.orders]))
         freedom = int(np.count_nonzero(weight)) - len(end.free)
-        errors = weight * (left - np.asarray(sign) * numpy_pair(measurement.vectors))
+        errors = weight * numpy_pair(end.shown - measurement.half_order_sign(end.shown) * measurement.vectors)
         return float(np.sum(errors**2)) / freedom if freedom > 0 else None
 
 
