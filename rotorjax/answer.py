@@ -20,6 +20,8 @@ SLIGHT = 0.05
 """Share of what was measured below which an unexplained rest may be a question of the declared noise."""
 ALIKE = 1.0
 """Standard errors rms up to which two predictions are the same within the noise."""
+SAID = 2
+"""Ties with one part of the answer that a sentence names; of more the nearest, and a table lists all."""
 MOST_CONTAINS = 3
 """Larger sets named as containing the answer."""
 
@@ -45,8 +47,10 @@ def sentence(found: Explanation) -> str:
     named = _missing_force(found)
     if found.verdict == "unexplained" and found.named_force is not None and found.named_force.enough:
         # What explains all comes before what explains a part.
-        return " ".join([parts[0], *named, *(part for part in parts[1:] if part), *_ties(found), _left(found)])
-    return " ".join([*(part for part in parts if part), *_ties(found), _left(found), *named])
+        parts = [parts[0], *named, *parts[1:], *_ties(found), _left(found)]
+    else:
+        parts = [*parts, *_ties(found), _left(found), *named]
+    return " ".join(part for part in parts if part)
 
 
 def _nothing(found: Explanation) -> str:
@@ -171,16 +175,38 @@ def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
 
 
 def _ties(found: Explanation) -> list[str]:
-    groups = [(names[0], [listed(other) for other in names[1:]]) for names in found.ties.groups()]
-    return [f"These data cannot tell {listed(own)} from {', or from '.join(others)}." for own, others in groups]
+    return [f"These data cannot tell {listed(names[0])} from {_others(names[1:])}." for names in found.ties.groups()]
+
+
+def _others(sets: list[list[str]]) -> str:
+    """Sets in a sentence; of many the nearest."""
+    if len(sets) <= SAID:
+        return ", or from ".join(listed(names) for names in sets)
+    return f"{listed(sets[0])}, or from {len(sets) - 1} other sets listed below"
+
+
+def ties_table(found: Explanation) -> Table | None:
+    """What the data leave open, the nearest first."""
+    if not found.ties.tied:
+        return None
+    tied = sorted(found.ties.tied, key=lambda t: t.instead_of)
+    rows = [[listed(t.instead_of), listed(t.effects), f"{t.gap:.1f}", number(t.apart, 2), _why_tied(t)] for t in tied]
+    headers = ["in the place of", "would do as well", "log evidence behind", "predictions differ by", "remark"]
+    note = "Predictions differ, at the readings taken, by so many standard errors rms, with what the answer leaves counted as error."
+    return Table("What these data cannot tell apart", headers, rows, note)
+
+
+def _why_tied(tied: Alternative) -> str:
+    same = "misses elsewhere, not less" if tied.apart > ALIKE else "predicts the same within the error"
+    if tied.size is not None:
+        return f"{same}; only its size speaks against it: {number(tied.size, 2)} times what is usual"
+    return same if tied.gap < TIE else f"{same}; leads where priors are three times as wide or as narrow"
 
 
 def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     lines = []
     lines += _same_bow(found)
-    lines += [line for line in [_apart(found)] if line]
-    lines += [f"Only its size speaks against {listed(t.effects)}: {number(t.size, 2)} times what is usual." for t in found.ties.tied if t.size is not None]
     lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
     if found.next_measurement is not None:
         n = found.next_measurement
@@ -231,15 +257,6 @@ def _same_bow(found: Explanation) -> list[str]:
     ]
 
 
-def _apart(found: Explanation) -> str | None:
-    """Which ties predict something else than the answer, and still do as well."""
-    differing = [t for t in found.ties.tied if t.apart > ALIKE]
-    if not differing:
-        return None
-    each = [f"{listed(t.effects)} by {number(t.apart, 2)}" for t in differing]
-    return f"Tied, though what they predict differs, in standard errors rms: {'; '.join(each)}. They miss elsewhere, not less."
-
-
 def _contains(other: Alternative) -> str:
     verbs = ("contains", "is") if len(other.effects) == 1 else ("together contain", "are")
     return f"{listed(other.effects)} {verbs[0]} {listed(other.instead_of)} and {verbs[1]} not needed (log evidence {number(other.gap, 2)} behind)."
@@ -279,9 +296,9 @@ def _chi2(found: Explanation, ranked: Ranked) -> str:
 
 
 def explanation_tables(found: Explanation) -> list[Table]:
-    """Error fall, parameters, rankings."""
+    """Error fall, parameters, what ties, terms of the missing force, rankings."""
     terms = None if found.named_force is None else missing_force_table(found.named_force)
-    return [*step_tables(found.story), *([terms] if terms is not None else []), *ranking_tables(found)]
+    return [*step_tables(found.story), *(table for table in (ties_table(found), terms) if table is not None), *ranking_tables(found)]
 
 
 def explanation_text(found: Explanation) -> str:

@@ -39,23 +39,27 @@ def bode(
     amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float, speeds_rpm: Float[np.ndarray, "speed"],
     curves: dict[str, Complex[np.ndarray, "speed"]],
 ) -> tuple[Axes, Axes]:  # fmt: skip
-    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run.
+    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run, the later ones smaller so that
+    runs lying on one another are all seen.
 
     **Arguments:** ``curves``: the model's vectors [m] of this probe and order at ``speeds_rpm``, by run.
     """
     m = view.measurement
     k, n = m.probes.index(probe), m.orders.index(order)
-    for colour, run in zip(COLOURS, runs, strict=False):
+    drawn = list(zip(COLOURS, runs, strict=False))
+    for below, (colour, run) in zip(reversed(range(len(drawn))), drawn, strict=True):
+        marker = {"color": colour, "markersize": 5.0 + 1.8 * below}
+        line = {"color": colour, "linewidth": 1.2 + 0.9 * below}
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
         z = view.measured[cases, k, n] / MICROMETRE
-        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", color=colour, label=f"{run} measured")
-        phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", color=colour)
+        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", label=f"{run} measured", **marker)
+        phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", **marker)
         curve = curves[run] / MICROMETRE
         curve = np.where(curve == 0.0, np.nan, curve)  # what is not driven has no phase
-        amplitude.plot(speeds_rpm, np.abs(curve), "-", color=colour, linewidth=1.2, label=f"{run} model")
+        amplitude.plot(speeds_rpm, np.abs(curve), "-", label=f"{run} model", **line)
         angle = np.degrees(np.angle(curve))
         angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan
-        phase.plot(speeds_rpm, angle, "-", color=colour, linewidth=1.2)
+        phase.plot(speeds_rpm, angle, "-", **line)
     amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)", ylim=(0.0, None))
     phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm", ylim=(-185, 185), yticks=[-180, -90, 0, 90, 180])
     for axes in (amplitude, phase):

@@ -19,7 +19,7 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
 from rotorjax.discovery.race import Contest, Effects, check_catalog, make_contest, misfit_left, race
-from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, ranking, select
+from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, ranking, retold, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
@@ -175,9 +175,7 @@ def _answer(
     progress: Progress,
 ) -> Explanation:
     contest = selection.contest
-    progress("what else would do as well")
-    noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
-    ties = find_ties(contest, selection, noise, catalog)
+    selection, ties, noise = _with_ties(selection, catalog, progress)
     progress("error on data held out")
     held = held_out(contest, selection) if thorough else HeldOut((None,) * len(selection.races), "not asked for")
     progress("whether what is left is more than noise")
@@ -212,6 +210,20 @@ def _answer(
         catalog=catalog,
         named_force=named,
     )
+
+
+def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], progress: Progress) -> tuple[Selection, Ties, Noise]:
+    """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the answer."""
+    progress("what else would do as well")
+    contest = selection.contest
+    noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
+    ties = find_ties(contest, selection, noise, catalog)
+    better = ties.better(contest, selection.most)
+    if better is None:
+        return selection, ties, noise
+    selection = retold(selection, better.effects, {t.contender.effects: t.contender for t in ties.tied})
+    noise = Noise(misfit_left(contest, better, noise), contest.floor.scatter)
+    return selection, find_ties(contest, selection, noise, catalog), noise
 
 
 def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, *, confirmed: bool) -> Verdict:

@@ -77,6 +77,10 @@ class Contest:
         """Logarithm of the prior odds of a set against the empty one."""
         return math.fsum(math.log(self.odds[name]) for name in effects)
 
+    def log_posterior(self, contender: Contender) -> float:
+        """Log evidence plus log prior odds."""
+        return contender.log_evidence + self.log_odds(contender.effects)
+
     def free(self, effects: Effects) -> Bool[np.ndarray, "param"]:
         """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""
         return self.space.free(list(effects))
@@ -268,10 +272,6 @@ class Race(NamedTuple):
     contenders: Known
     winner: Effects
 
-    def log_posterior(self, contest: Contest, effects: Effects) -> float:
-        """Log evidence plus log prior odds."""
-        return self.contenders[effects].log_evidence + contest.log_odds(effects)
-
 
 def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise) -> Race:
     """Race hypotheses again and again until the misfit allowed for is what the winner leaves.
@@ -340,7 +340,7 @@ def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known
 
 
 def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
-    return max(wanted, key=lambda effects: found[effects].log_evidence + contest.log_odds(effects))
+    return max(wanted, key=lambda effects: contest.log_posterior(found[effects]))
 
 
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:

@@ -159,7 +159,7 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
         again = settle(contest, [winner, *without.values()], table, noise)
         table.update(again.contenders)
         noise = again.noise
-        gain = {name: again.log_posterior(contest, winner) - again.log_posterior(contest, rest) for name, rest in without.items()}
+        gain = {name: contest.log_posterior(again.contenders[winner]) - contest.log_posterior(again.contenders[rest]) for name, rest in without.items()}
         least = min(gain, key=lambda name: gain[name])
         if gain[least] > PRICE:
             break
@@ -182,6 +182,13 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
             return Selection(contest, tuple(order), tuple(sorted(small)), most, tuple(races), table)
         noise = race.noise
         order.append(next(r.effect for r in ranking(contest, race, base) if r.effect in present and r.effect not in order))
+
+
+def retold(selection: Selection, present: Effects, found: Known) -> Selection:
+    """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
+    small = frozenset(selection.small) & present
+    seen = {min(race.contenders, key=len): race for race in selection.races}
+    return _told(selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen)
 
 
 def matters(contest: Contest, contender: Contender, name: str) -> bool:

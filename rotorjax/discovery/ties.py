@@ -63,6 +63,12 @@ class Ties(NamedTuple):
             groups.setdefault(other.instead_of, [list(other.instead_of)]).append(list(other.effects))
         return list(groups.values())
 
+    def better(self, contest: Contest, most: int) -> Contender | None:
+        """What is more probable than the answer, as it may be where it was fitted only after the search; with ``most`` effects at most."""
+        possible = [t.contender for t in self.tied if len(t.contender.effects) <= max(most, len(self.winner.effects))]
+        best = max([self.winner, *possible], key=contest.log_posterior)
+        return None if best is self.winner else best
+
 
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.

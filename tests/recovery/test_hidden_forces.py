@@ -105,7 +105,7 @@ def test_what_is_beside_friction_is_looked_for_near_the_motion_of_what_leads():
     assert (hidden.effects, hidden.handicap) == (("coulomb_friction", "residual_unbalance"), "one probe")
     found = explain(hidden.model, hidden.measurement, thorough=False)
     assert found.verdict == "undecided"
-    assert "coulomb_friction" in found.effects
+    assert set(found.effects) == {"coulomb_friction", "residual_unbalance"}, "found last, it is the more probable"
     assert sorted(names for group in found.ties.groups() for names in group) == [["residual_unbalance"], ["thermal_bow"]]
 
 
@@ -116,7 +116,7 @@ def test_a_force_is_not_excluded_by_its_size_alone():
     found = explain(hidden.model, hidden.measurement)
     assert (found.verdict, found.ties.groups()) == ("undecided", [[["clearance"], ["duffing"]]])
     assert found.next_measurement is not None
-    assert "Only its size speaks against duffing: 7.1 times what is usual." in explanation_text(found)
+    assert "only its size speaks against it: 7.1 times what is usual" in explanation_text(found)
 
 
 def test_orders_that_were_not_measured_are_named():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rotorjax import explain, read_measurement, read_rig
-from rotorjax.answer import explanation_json, notes, sentence
+from rotorjax.answer import explanation_json, explanation_text, notes, sentence, ties_table
 from rotorjax.io.rig import Rig
 
 import make_hidden
@@ -49,6 +49,15 @@ def test_ties_tell_whether_they_predict_the_same(rk4):
     bow = next(other for other in rk4.ties.tied if other.effects == ("residual_bow",))
     shown, own = bow.contender.best.local.error, rk4.ties.winner.best.local.error
     assert apart["residual_bow",] == pytest.approx(np.sqrt(np.mean((shown - own) ** 2)), rel=0.1)
+
+
+def test_of_many_ties_the_sentence_names_one_and_a_table_lists_all(rk4):
+    groups = [names for names in rk4.ties.groups() if len(names) > 3]
+    assert groups
+    for names in groups:
+        assert f"or from {len(names) - 2} other sets listed below" in sentence(rk4)
+    assert len(ties_table(rk4).rows) == len(rk4.ties.tied)
+    assert ties_table(rk4).text() in explanation_text(rk4)
 
 
 def test_scatter_between_mountings_is_quantified(rk4):
