@@ -26,6 +26,8 @@ LEAST_STEPS = 16
 """Per turn: a short contact is not stepped over."""
 STICTION = 6.3e-5
 """Speed over which dry friction changes its sign, m/s."""
+FAR = 1.0
+"""Displacement from which on a rotor runs away [m]."""
 DOWN = (0.0, -9.80665)
 
 
@@ -78,10 +80,22 @@ class NonlinearRotor:
         return rate
 
     def _integrate(self, states: np.ndarray, speed: float, turns: int, *, rtol: float, **settings):
-        """From the start of a turn; ``states``: 4 x motion."""
-        period = 2 * np.pi / speed
-        atol = rtol * 1e-6 * np.repeat([1.0, 1.0, speed, speed], states.shape[1])
-        return solve_ivp(self._equation(speed), (0.0, turns * period), states.ravel(), method="DOP853", rtol=rtol, atol=atol, **settings)
+        """From the start of a turn; ``states``: 4 x motion.
+
+        **Errors.** ``RuntimeError`` where the motion runs away.
+        """
+        period, motions = 2 * np.pi / speed, states.shape[1]
+        atol = rtol * 1e-6 * np.repeat([1.0, 1.0, speed, speed], motions)
+
+        def near(_: float, flat: np.ndarray) -> float:
+            return FAR - float(np.max(np.abs(flat[: 2 * motions])))
+
+        near.terminal = True  # pyright: ignore
+        settings |= {"method": "DOP853", "rtol": rtol, "atol": atol, "events": near}
+        found = solve_ivp(self._equation(speed), (0.0, turns * period), states.ravel(), **settings)
+        if found.status != 0:
+            raise RuntimeError(f"the motion runs away at {speed} rad/s: {found.message}")
+        return found
 
     def orbit(self, speed: float, turns: int = 1, start: np.ndarray | None = None) -> Orbit:
         """The motion with a period of so many turns that is reached from a state (x, y, their velocities), at rest unless given.
@@ -90,10 +104,7 @@ class NonlinearRotor:
         """
         period, units = 2 * np.pi / speed, np.array([1.0, 1.0, speed, speed])
         state = np.zeros(4) if start is None else np.asarray(start, float)
-        settled = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, t_eval=[self.transient * period])
-        if not settled.success:
-            raise RuntimeError(f"the motion runs away at {speed} rad/s: {settled.message}")
-        state = settled.y[:, -1]
+        state = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, t_eval=[self.transient * period]).y[:, -1]
         fine = {"rtol": 1e-12, "max_step": period / LEAST_STEPS}
         for _ in range(25):
             size = max(np.max(np.abs(state / units)), 1e-9)
