@@ -313,7 +313,8 @@ def explanation_text(found: Explanation) -> str:
 def explanation_page(found: Explanation, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:
     """The report of `explain`. **Arguments:** ``pictures``: pairs of caption and SVG."""
     story = found.story
-    where = [worst_cells(story.declared, "Where the model as declared fails"), worst_cells(story.last, "Where it fails with what was added")]
+    where = [worst_cells(story.declared, "Where the model as declared fails")]
+    where += [worst_cells(story.last, "Where it fails with what was added")] if story.changed else []
     drawn = [Picture.of(caption, svg) for caption, svg in pictures]
     tables = explanation_tables(found)
     return Page(

@@ -22,12 +22,12 @@ MOST_RUNS = 4
 def story_pictures(story: Story) -> list[tuple[str, bytes]]:
     """Caption and SVG of every view: the fall of the error, Bode, polar, map of residuals."""
     figures = []
-    if story.fits:
+    if story.changed:
         figures.append(("The error step by step as effects were added.", _fall(story)))
-    subject = "the model with what was added" if story.fits else "the model"
+    subject = "the model with what was added" if story.changed else "the model"
     figures.append((f"Amplitude and phase over speed: measured (markers) over {subject} (lines).", _bode(story)))
     figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
-    figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.fits else "") + "; grey: not measured.", _maps(story)))
+    figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.changed else "") + "; grey: not measured.", _maps(story)))
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
 
 
@@ -120,9 +120,9 @@ def _polar(story: Story) -> Figure:
 
 
 def _maps(story: Story) -> Figure:
-    views = [("as declared", story.declared), *([("with what was added", story.last)] if story.fits else [])]
+    views = [("as declared", story.declared), *([("with what was added", story.last)] if story.changed else [])]
     height = max(2.6, 0.6 + 0.2 * len(story.measurement.runs))
-    drawn, axes = plots.figure(5.0 * len(views), height, 1, len(views))
+    drawn, axes = plots.figure(10.0, height, 1, len(views))
     sizes = np.concatenate([np.abs(v.residual[v.present]) for _, v in views]) / MICROMETRE
     positive = sizes[sizes > 0.0]
     limits = (float(np.quantile(positive, 0.05)), float(positive.max()) * 1.0001) if len(positive) else None

@@ -50,6 +50,11 @@ class Story:
         """The fitted model, or the declared one if nothing was added."""
         return self.fits[-1].model if self.fits else self.model
 
+    @property
+    def changed(self) -> bool:
+        """Whether anything was fitted, so that there is a before and an after."""
+        return any(fitted.estimates for fitted in self.fits)
+
     @functools.cached_property
     def steadiness(self) -> list[str]:
         """Where the final model's steady state does not exist, is unstable or is not the only one."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rotorjax import explain, read_measurement, read_rig
-from rotorjax.answer import explanation_json, explanation_text, notes, sentence, ties_table
+from rotorjax.answer import explanation_json, explanation_page, explanation_text, notes, sentence, ties_table
 from rotorjax.io.rig import Rig
 
 import make_hidden
@@ -77,6 +77,8 @@ def test_hidden_effects(case):
         estimates = [found.story.fits[-1].estimate(name, entry.label) for entry in labels if entry.effect == name]
         for estimate, value in zip(estimates, true, strict=True):
             assert abs(estimate.value - value) < 4.5 * estimate.standard_error, estimate.entry.key
+    where = [table.title for table in explanation_page(found, title="", pictures=[]).where]
+    assert any("with what was added" in title for title in where) == bool(TRUTH[case])
 
 
 def test_the_paper_with_sensor_noise_alone():
