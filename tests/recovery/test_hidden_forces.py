@@ -116,7 +116,7 @@ def test_a_force_is_not_excluded_by_its_size_alone():
     found = explain(hidden.model, hidden.measurement)
     assert (found.verdict, found.ties.groups()) == ("undecided", [[["clearance"], ["duffing"]]])
     assert found.next_measurement is not None
-    assert "only its size speaks against it: 7.1 times what is usual" in explanation_text(found)
+    assert "Only its size speaks against duffing: 7.1 times what is usual." in explanation_text(found)
 
 
 def test_orders_that_were_not_measured_are_named():
