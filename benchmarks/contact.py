@@ -2,8 +2,7 @@
 
 Rotors, speeds and gaps are drawn by seed, every other one horizontal, so that weight presses the shaft against the stop. Each is integrated
 with SciPy from rest until it repeats itself after one turn (shooting), and where that motion is not the one shown also from the one shown:
-there may be two. Some two minutes; exits with 1 if a stable motion is missed by more than a thousandth of the vibration while the stop is at
-most three times as stiff as the shaft.
+there may be two. Some two minutes; exits with 1 if a stable motion is missed by more than a thousandth of the vibration.
 
     python benchmarks/contact.py
 """
@@ -28,8 +27,6 @@ STRENGTHS = (0.1, 0.3, 1.0, 3.0, 10.0)
 FRICTIONS = (0.0, 0.1, 0.25)
 FINE, GOAL = 1e-4, 1e-3
 """Parts of the largest vibration."""
-SURE = 3.0
-"""Up to this strength every stable motion must be met."""
 TRANSIENT = 150
 """Turns from rest."""
 VERDICTS = ("no motion of one turn", "within 1e-4", "within 1e-3", "worse", "not found")
@@ -107,7 +104,7 @@ def compared(drawn: Drawn) -> tuple[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=30, help="for each strength (%(default)s)")
-    parser.add_argument("--seed", type=int, default=12, help="to draw them; 1, 2 and 11 were looked at while the method was made (%(default)s)")
+    parser.add_argument("--seed", type=int, default=14, help="to draw them; 1, 2, 11, 12 and 13 were looked at while the method was made (%(default)s)")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     rng = np.random.default_rng(arguments.seed)
@@ -116,7 +113,7 @@ def main() -> None:
         verdicts, errors = zip(*(compared(draw(rng, strength, k)) for k in range(arguments.cases)), strict=True)
         judged = [error for verdict, error in zip(verdicts, errors, strict=True) if verdict not in ("not found", "no motion of one turn")]
         rows.append([f"{strength:g}", *(str(verdicts.count(verdict)) for verdict in VERDICTS), f"{max(judged, default=np.nan):.1e}"])
-        missed += (verdicts.count("worse") + verdicts.count("not found")) * (strength <= SURE)
+        missed += verdicts.count("worse") + verdicts.count("not found")
     print(Table("", ["stop / shaft", *VERDICTS, "largest error"], rows).text())
     sys.exit(int(missed > 0))
 

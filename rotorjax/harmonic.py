@@ -20,6 +20,8 @@ from rotorjax.errors import InputError
 
 LEAST_ORDER, MARGIN = 7, 4
 """Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one measured."""
+FINE_ORDER = 24
+"""Orders up to 24X are balanced in the steps that end it: a hard stop needs them, but Newton's method not."""
 SAMPLES, FINE_SAMPLES = 64, 256
 """Instants per turn of the shaft, while a motion is looked for, and in the steps that end it: corners fall between instants."""
 PARTS = (1, 2, 3, 4)
@@ -27,10 +29,8 @@ PARTS = (1, 2, 3, 4)
 TOLERANCE = 1e-6
 """Of the last change but one, relative to the size of the motion: Newton's method squares it."""
 NEWTON_STEPS = 12
-CORRECTIONS, SHRINKS = 8, 0.7
-"""Most steps with the last Jacobian at more instants, and how each must be smaller than the one before."""
-SMALLEST_PART = 1.0 / 64.0
-"""Of the restoring force, by which it is let in where Newton's method does not converge at once."""
+CORRECTIONS, SHRINKS = 12, 0.9
+"""Most steps with the last Jacobian at more orders and instants, and how each must be smaller than the one before."""
 SMALLEST_MOTION = 1e-9
 """Size [m] below which a motion counts as rest when tolerances are set."""
 BALANCED, NOT_BALANCED, UNSTABLE = 0, 1, 2
@@ -59,8 +59,9 @@ class Grid(NamedTuple):
 
     @property
     def finer(self) -> "Grid":
-        """The same orders with more instants."""
-        return self._replace(samples=FINE_SAMPLES)
+        """More orders, and more instants."""
+        highest = max(FINE_ORDER * self.turns, len(self.orders) - 1)
+        return Grid(tuple(k / self.turns for k in range(highest + 1)), self.turns, FINE_SAMPLES)
 
     def synthesis(self, angle: Float[np.ndarray, "instant"]) -> Float[np.ndarray, "coefficient instant"]:
         """Waveform of each coefficient."""
@@ -143,26 +144,24 @@ class System(NamedTuple):
     """Coefficients of the force of a strong viscous brake along a motion."""
 
 
-class Shares(NamedTuple):
-    """How much of the restoring force and of the excitation is let in."""
-
-    force: Array
-    drive: Array
-    brake: Array
+def _miss(system: System, motion: Coefficients) -> Coefficients:
+    """y - L(F - N(y))."""
+    return motion + system.moved(system.force(motion)) - system.free
 
 
-def _miss(system: System, motion: Coefficients, shares: Shares) -> Coefficients:
-    """y - L(b F - a N(y) - c B y), (a, b, c) the shares."""
-    resisting = shares.force * system.force(motion) + shares.brake * system.brake(motion)
-    return motion + system.moved(resisting) - shares.drive * system.free
+def _jacobian(system: System, motion: Coefficients) -> Float[Array, "unknown unknown"]:
+    """Derivative of the miss: 1 + L N'."""
+    return moved_columns(system, columns_of(system, motion))
 
 
-def _jacobian(system: System, motion: Coefficients, shares: Shares) -> Float[Array, "unknown unknown"]:
-    """Derivative of the miss: 1 + L (a N' + c B)."""
-    units = jnp.eye(motion.size).reshape(-1, *motion.shape)
-    columns = shares.force * jnp.moveaxis(system.slopes(motion), (2, 3), (0, 1)).reshape(units.shape) + shares.brake * jax.vmap(system.brake)(units)
-    reached = jax.vmap(system.moved)(columns).reshape(motion.size, motion.size)
-    return jnp.eye(motion.size) + reached.T
+def columns_of(system: System, motion: Coefficients) -> Float[Array, "unknown dof coefficient"]:
+    """N': change of the restoring force by each unknown."""
+    return jnp.moveaxis(system.slopes(motion), (2, 3), (0, 1)).reshape(motion.size, *motion.shape)
+
+
+def moved_columns(system: System, columns: Float[Array, "unknown dof coefficient"]) -> Float[Array, "unknown unknown"]:
+    """1 + L times the changes of a force by each unknown."""
+    return jnp.eye(len(columns)) + jax.vmap(system.moved)(columns).reshape(len(columns), -1).T
 
 
 class Root(NamedTuple):
@@ -175,13 +174,13 @@ class Root(NamedTuple):
     """Of the last Jacobian."""
 
 
-def _newton(system: System, start: Coefficients, shares: Shares, tolerance: Array, most: Array | int = NEWTON_STEPS) -> Root:
+def _newton(system: System, start: Coefficients, tolerance: Array, most: Array | int = NEWTON_STEPS) -> Root:
     """Newton's method; with ``most`` zero nothing but the Jacobian at the start."""
 
     def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         point, _, count, _ = state
-        by_miss = inverse(_jacobian(system, point, shares))
-        change = (by_miss @ _miss(system, point, shares).ravel()).reshape(point.shape) * jnp.where(jnp.asarray(most) > 0, 1.0, 0.0)
+        by_miss = inverse(_jacobian(system, point))
+        change = (by_miss @ _miss(system, point).ravel()).reshape(point.shape) * jnp.where(jnp.asarray(most) > 0, 1.0, 0.0)
         return point - change, jnp.max(jnp.abs(change)), count + 1, by_miss
 
     def going(state: tuple[Array, Array, Array, Array]) -> Array:
@@ -211,43 +210,57 @@ def inverse(matrix: Float[Array, "unknown unknown"]) -> Float[Array, "unknown un
     return jax.lax.fori_loop(0, len(matrix), eliminate, matrix)
 
 
+def size_of(system: System) -> Array:
+    """Of the free motion [m]."""
+    return jnp.maximum(jnp.max(jnp.abs(system.free)), SMALLEST_MOTION)
+
+
 def _tolerance(system: System) -> Array:
-    return TOLERANCE * jnp.maximum(jnp.max(jnp.abs(system.free)), SMALLEST_MOTION)
+    return TOLERANCE * size_of(system)
 
 
 def balance(system: System, frozen: System, finer: System, start: Coefficients, most: Array | int = NEWTON_STEPS) -> Balance:
     """Solve y = L(F - N(y)) by Newton's method from a start near by; differentiable once, by the implicit function theorem.
 
-    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p; it and a few more see what instants miss of a
-    corner. **Arguments:** ``frozen``: the same equations without derivatives by parameters; ``finer``: these with more instants;
-    ``most`` steps of Newton's method before those. With none the motion is what the equations make of the start to first order.
+    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p; it and a few more see what few instants and orders
+    miss of a corner. **Arguments:** ``frozen``: the same equations without derivatives by parameters; ``finer``: these with more orders and
+    instants; ``most`` steps of Newton's method before those. With none the motion is what the equations make of the start to first order.
     """
-    whole = Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(()))
-    root = _newton(frozen, start, whole, _tolerance(frozen), most)
+    root = _newton(frozen, start, _tolerance(frozen), most)
     point = jnp.where(root.good, root.point, 0.0)
 
     def step(force: Coefficients) -> Coefficients:
         return (root.inverse @ frozen.moved(force).ravel()).reshape(point.shape)
 
-    unseen = finer.force(point) - frozen.force(point)
+    unseen = finer.force(_widened(point, finer))[:, : point.shape[1]] - frozen.force(point)
     after = point - step(system.lacking(point) + system.force(point) + unseen)
     there = jax.lax.stop_gradient(after)
-    best = jnp.where(jnp.asarray(most) > 0, _corrected(frozen, finer, root.inverse, there, _tolerance(frozen)), there)
+    best = jnp.where(jnp.asarray(most) > 0, _corrected(finer, root.inverse, there, _tolerance(frozen)), there)
     return Balance(jnp.where(root.good, after + (best - there), jnp.nan), jnp.where(root.good, BALANCED, NOT_BALANCED))
 
 
-def _corrected(frozen: System, finer: System, by_miss: Array, motion: Coefficients, tolerance: Array) -> Coefficients:
-    """A motion made to balance at the instants of ``finer`` by the inverse of another Jacobian, as long as that leads on."""
+def _widened(motion: Coefficients, finer: System) -> Float[Array, "dof wide"]:
+    """A motion among more orders."""
+    return jnp.pad(motion, ((0, 0), (0, finer.free.shape[1] - motion.shape[1])))
+
+
+def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: Array) -> Coefficients:
+    """A motion made to balance at the orders and instants of ``finer``, as long as that leads on; of it the orders that it had.
+
+    By the inverse of a Jacobian of these orders; those above follow the force, which their inertia withstands.
+    """
+    count = motion.shape[1]
 
     def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        point, last, _, count = state
-        change = (by_miss @ frozen.moved(frozen.lacking(point) + finer.force(point)).ravel()).reshape(point.shape)
+        point, last, _, made = state
+        miss = _miss(finer, point)
+        change = jnp.concatenate([(by_miss @ miss[:, :count].ravel()).reshape(motion.shape), miss[:, count:]], axis=1)
         size = jnp.max(jnp.abs(change))
         good = size < SHRINKS * last
-        return jnp.where(good, point - change, point), size, good & (size > tolerance), count + 1
+        return jnp.where(good, point - change, point), size, good & (size > tolerance), made + 1
 
-    begin = (motion, jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
-    return jax.lax.while_loop(lambda state: state[2] & (state[3] < CORRECTIONS), step, begin)[0]
+    begin = (_widened(motion, finer), jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
+    return jax.lax.while_loop(lambda state: state[2] & (state[3] < CORRECTIONS), step, begin)[0][:, :count]
 
 
 def settled(system: System, start: Coefficients, finer: System | None = None) -> Coefficients:
@@ -255,38 +268,6 @@ def settled(system: System, start: Coefficients, finer: System | None = None) ->
 
     **Arguments:** ``finer``: as in `balance`, to end with.
     """
-    tolerance = _tolerance(system)
-    root = _newton(system, start, Shares(jnp.ones(()), jnp.ones(()), jnp.zeros(())), tolerance)
-    point = root.point if finer is None else _corrected(system, finer, root.inverse, root.point, tolerance)
+    root = _newton(system, start, _tolerance(system))
+    point = root.point if finer is None else _corrected(finer, root.inverse, root.point, _tolerance(system))
     return jnp.where(root.good, point, jnp.nan)
-
-
-def search(system: System) -> Coefficients:
-    """A steady state from nothing known, or not a number. Not to be differentiated.
-
-    Newton's method from the free motion. Where that does not converge, the restoring force is let in by parts from the free motion,
-    each part solved from the one before; where this path turns back, as it does where resonance curves lean over, the excitation
-    is, from rest; where that does too, a strong brake is taken off by parts.
-    """
-    one, tolerance = jnp.ones(()), _tolerance(system)
-    paths = jnp.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])  # shares at the beginning of each path; at its end 1, 1, 0
-    origins = jnp.stack([system.free, jnp.zeros_like(system.free), jnp.zeros_like(system.free)])
-
-    def attempt(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        point, done, part, path = state
-        # The beginning of a path is at hand but for the last, which the solution under the full brake begins.
-        share = jnp.where((path == 2) & (done < 0.0), 0.0, jnp.minimum(1.0, jnp.maximum(done, 0.0) + part))
-        shares = (1.0 - share) * paths[path] + share * jnp.array([1.0, 1.0, 0.0])
-        there, good, _ = _newton(system, point, Shares(shares[0], shares[1], shares[2]), tolerance)
-        point, done, part = jnp.where(good, there, point), jnp.where(good, share, done), jnp.where(good, 2.0 * part, 0.25 * part)
-        part = jnp.minimum(part, one)
-        stuck = (part < SMALLEST_PART) & (path < len(paths) - 1)
-        after = jnp.minimum(path + stuck, len(paths) - 1)
-        fresh = jnp.where(after == 2, -1.0, 0.0)
-        return jnp.where(stuck, origins[after], point), jnp.where(stuck, fresh, done), jnp.where(stuck, 0.25, part), after
-
-    at_once = settled(system, system.free)
-    good = jnp.all(jnp.isfinite(at_once))
-    state = (jnp.where(good, at_once, system.free), jnp.where(good, 1.0, 0.0), 0.25 * one, jnp.asarray(0))
-    point, done, *_ = jax.lax.while_loop(lambda s: (s[1] < 1.0) & (s[2] >= SMALLEST_PART), attempt, state)
-    return jnp.where(done >= 1.0, point, jnp.nan)

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax._planar import Matrix, Vector
 from rotorjax.assembly import Assembled, Chain, Motion, assemble, point_at, true_speed
+from rotorjax.continuation import search
 from rotorjax.harmonic import (
     BALANCED,
     NEWTON_STEPS,
@@ -26,7 +27,6 @@ from rotorjax.harmonic import (
     System,
     balance,
     make_grid,
-    search,
     settled,
     to_complex,
     to_real,
@@ -267,8 +267,10 @@ class Ready(NamedTuple):
 
     @property
     def finer(self) -> System:
-        """The same with more instants."""
-        return restoring_system(self.model, self.condition, self.grid.finer, self.assembled)
+        """The same with more orders and instants."""
+        grid = self.grid.finer
+        whole = self.model.with_orders(grid.orders)
+        return restoring_system(whole, self.condition, grid, by_order(whole, self.condition, grid)[0])
 
     def shown(self, motion: Coefficients, orders: tuple[float, ...]) -> Complex[Array, "probe order"]:
         """What the probes show of a motion, at some orders of the grid."""

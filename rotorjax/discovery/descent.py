@@ -48,7 +48,7 @@ class Manner(NamedTuple):
     width: int = 0
     """Least number of free unknowns to make room for, so that small fits run in what is compiled for larger ones."""
     first_order: bool = False
-    """Lay forces that depend on motion along the measured motion, and leave it at that."""
+    """Lay forces that depend on motion along the measured motion where no other is known, and leave it at that."""
     search: bool = False
     """Search for a motion where none is found near the one measured."""
 
@@ -288,7 +288,7 @@ class _Group:
         if not self.shared:
             return self._legs(point, tasks, bar)
         ends: dict[int, End] = {}
-        known = np.array([k for k, start in enumerate(starts) if start.motions is not None and not self.manner.first_order], int)
+        known = np.array([k for k, start in enumerate(starts) if start.motions is not None], int)
         if len(known):
             motions = np.stack([self._filled(starts[k].motions) for k in known.tolist()])
             found = self._legs(point[known], _taken(tasks, known)._replace(motions=motions), bar[known])

@@ -1,6 +1,7 @@
 """The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax.discovery.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.discovery.descent import HOPELESS, QUICK, End, Manner, Start, descend, starts_at
+from rotorjax.discovery.descent import HOPELESS, QUICK, End, Manner, Start, descend, searched, starts_at
 from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
@@ -24,6 +25,8 @@ MOST_LOST = 4
 """Sets for which no motion was found that are fitted near the leader's."""
 MOST_ROUGH = 2
 """Optima that are kept of forces laid along the measured motion."""
+SIZES = (0.5, 1.0, 2.0, 4.0)
+"""Of a force, in what fits best along the measured motion, from which on it is fitted with motions that were searched for."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
 NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
@@ -283,13 +286,17 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     """
     wanted = list(dict.fromkeys(hypotheses))
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    rough = noise.allowance > WIDE * contest.measurement.rms
+    rough, sought = noise.allowance > WIDE * contest.measurement.rms, False
     found = {**known, **race(contest, noise, wanted, known, QUICK._replace(first_order=rough))}
     for _ in range(NOISE_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
         if _same(quiet, noise) and not rough:
-            break
+            found.update({} if sought else _sought(contest, noise, wanted, found))
+            if sought or _leader(contest, found, wanted) == leader:
+                break
+            sought = True
+            continue
         rough = False
         noise = quiet
         best = found[leader].log_evidence
@@ -306,6 +313,34 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
             noise, found = contest.floor, known_noise
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))
+
+
+def _sought(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
+    """Sets for which no motion was found near the measured one, from motions searched for at several sizes of their forces; those that gain.
+
+    What nearly holds a rotor leaves motions in the noise: along those it is far too strong, and what it must be is more than it seems.
+    """
+    limit = max(found[effects].log_evidence for effects in wanted) - HOPELESS
+    lost = [h for h in wanted if h & contest.timed and not found[h].best.exact and found[h].log_evidence > limit]
+    lost = sorted(lost, key=lambda effects: -contest.log_posterior(found[effects]))[:MOST_LOST]
+    reference = found[_leader(contest, found, wanted)].best.point
+    data = contest.data(noise, reference)
+    starts, owner = [], []
+    for effects, size in itertools.product(lost, SIZES):
+        strengths = [next(e.unknown for e in contest.space.entries if e.effect == name) for name in effects & contest.timed]
+        point = found[effects].best.point.copy()
+        point[strengths] *= size
+        start = searched(contest.space, data, point)
+        if np.any(point[strengths]) and start.motions is not None and np.all(np.isfinite(start.motions)):
+            starts.append(start)
+            owner.append(effects)
+    if not starts:
+        return {}
+    masks, training = np.stack([contest.free(effects) for effects in owner]), np.broadcast_to(contest.training, (len(starts), len(contest.training)))
+    ends = descend(contest.space, data, starts, masks, training, manner=contest.manner())
+    groups = {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects and end.exact] for effects in owner}
+    again = {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in groups.items() if group}
+    return {effects: contender for effects, contender in again.items() if contender.log_evidence > found[effects].log_evidence}
 
 
 def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:

@@ -14,6 +14,7 @@ LAYERS = [
     {"effects"},
     {"rotor"},
     {"assembly", "harmonic"},
+    {"continuation"},
     {"steady"},
     {"response"},
     {"steady_states"},
