@@ -29,8 +29,8 @@ PARTS = (1, 2, 3, 4)
 TOLERANCE = 1e-6
 """Of the last change but one, relative to the size of the motion: Newton's method squares it."""
 NEWTON_STEPS = 12
-CORRECTIONS, SHRINKS = 12, 0.9
-"""Most steps with the last Jacobian at more orders and instants, and how each must be smaller than the one before."""
+CORRECTIONS, DIVERGES = 24, 4.0
+"""Most steps with the last Jacobian at more orders and instants, and how much larger than the smallest so far one may be."""
 SMALLEST_MOTION = 1e-9
 """Size [m] below which a motion counts as rest when tolerances are set."""
 BALANCED, NOT_BALANCED, UNSTABLE = 0, 1, 2
@@ -251,16 +251,17 @@ def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: A
     """
     count = motion.shape[1]
 
-    def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        point, last, _, made = state
+    def step(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        point, best, smallest, _, made = state
         miss = _miss(finer, point)
         change = jnp.concatenate([(by_miss @ miss[:, :count].ravel()).reshape(motion.shape), miss[:, count:]], axis=1)
         size = jnp.max(jnp.abs(change))
-        good = size < SHRINKS * last
-        return jnp.where(good, point - change, point), size, good & (size > tolerance), made + 1
+        point = point - change
+        return point, jnp.where(size < smallest, point, best), jnp.minimum(size, smallest), size < DIVERGES * smallest, made + 1
 
-    begin = (_widened(motion, finer), jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
-    return jax.lax.while_loop(lambda state: state[2] & (state[3] < CORRECTIONS), step, begin)[0][:, :count]
+    wide = _widened(motion, finer)
+    begin = (wide, wide, jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
+    return jax.lax.while_loop(lambda state: state[3] & (state[2] > tolerance) & (state[4] < CORRECTIONS), step, begin)[1][:, :count]
 
 
 def settled(system: System, start: Coefficients, finer: System | None = None) -> Coefficients:
