@@ -1,9 +1,8 @@
 """The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import NamedTuple, get_args
 
@@ -320,26 +319,38 @@ def _sought(contest: Contest, noise: Noise, wanted: list[Effects], found: Known)
 
     What nearly holds a rotor leaves motions in the noise: along those it is far too strong, and what it must be is more than it seems.
     """
+    leader = _leader(contest, found, wanted)
     limit = max(found[effects].log_evidence for effects in wanted) - HOPELESS
     lost = [h for h in wanted if h & contest.timed and not found[h].best.exact and found[h].log_evidence > limit]
-    lost = sorted(lost, key=lambda effects: -contest.log_posterior(found[effects]))[:MOST_LOST]
-    reference = found[_leader(contest, found, wanted)].best.point
-    data = contest.data(noise, reference)
-    starts, owner = [], []
-    for effects, size in itertools.product(lost, SIZES):
+    if not lost:
+        return {}
+    data, starts = contest.data(noise, found[leader].best.point), []
+    for effects in sorted(lost, key=lambda effects: -contest.log_posterior(found[effects]))[:MOST_LOST]:
+        point = found[effects].best.point
         strengths = [next(e.unknown for e in contest.space.entries if e.effect == name) for name in effects & contest.timed]
-        point = found[effects].best.point.copy()
-        point[strengths] *= size
-        start = searched(contest.space, data, point)
-        if np.any(point[strengths]) and start.motions is not None and np.all(np.isfinite(start.motions)):
-            starts.append(start)
-            owner.append(effects)
+        for size in SIZES if np.any(point[strengths]) else ():
+            sized = point.copy()
+            sized[strengths] *= size
+            start = searched(contest.space, data, sized)
+            starts += [(effects, start)] if np.all(np.isfinite(np.asarray(start.motions))) else []
+    return _gained(contest, noise, starts, found, leader, lambda end: end.exact)
+
+
+def _gained(
+    contest: Contest, noise: Noise, starts: list[tuple[Effects, Start]], found: Known, leader: Effects, counts: Callable[[End], bool] = lambda _: True
+) -> Known:
+    """Sets fitted again from other starts, as far as ends count; those that gain."""
     if not starts:
         return {}
-    masks, training = np.stack([contest.free(effects) for effects in owner]), np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, starts, masks, training, manner=contest.manner())
-    groups = {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects and end.exact] for effects in owner}
-    again = {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in groups.items() if group}
+    masks = np.stack([contest.free(effects) for effects, _ in starts])
+    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
+    data = contest.data(noise, found[leader].best.point)
+    ends = descend(contest.space, data, [start for _, start in starts], masks, training, manner=contest.manner())
+    groups: dict[Effects, list[End]] = {}
+    for (effects, _), end in zip(starts, ends, strict=True):
+        if counts(end):
+            groups.setdefault(effects, []).append(end)
+    again = {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in groups.items()}
     return {effects: contender for effects, contender in again.items() if contender.log_evidence > found[effects].log_evidence}
 
 
@@ -366,12 +377,7 @@ def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known
             kin |= {effects: Start.at(best)._replace(point=point)} if alike else {}
         elif gone and not new and effects & contest.timed:
             kin[effects] = Start.at(best)._replace(point=point)
-    if not kin:
-        return {}
-    masks, training = np.stack([contest.free(effects) for effects in kin]), np.broadcast_to(contest.training, (len(kin), len(contest.training)))
-    ends = descend(contest.space, contest.data(noise, best.point), list(kin.values()), masks, training, manner=contest.manner())
-    again = {effects: contender_of(effects, [end], _misfit_numbers(contest, noise)) for effects, end in zip(kin, ends, strict=True)}
-    return {effects: contender for effects, contender in again.items() if contender.log_evidence > found[effects].log_evidence}
+    return _gained(contest, noise, list(kin.items()), found, leader)
 
 
 def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
