@@ -332,7 +332,7 @@ def _sought(contest: Contest, noise: Noise, wanted: list[Effects], found: Known)
             sized = point.copy()
             sized[strengths] *= size
             start = searched(contest.space, data, sized)
-            starts += [(effects, start)] if np.all(np.isfinite(np.asarray(start.motions))) else []
+            starts += [(effects, start._replace(least=found[leader].best.cost))] if np.all(np.isfinite(np.asarray(start.motions))) else []
     return _gained(contest, noise, starts, found, leader, lambda end: end.exact)
 
 
