@@ -244,6 +244,12 @@ def _widened(motion: Coefficients, finer: System) -> Float[Array, "dof wide"]:
     return jnp.pad(motion, ((0, 0), (0, finer.free.shape[1] - motion.shape[1])))
 
 
+def in_full(finer: System, motion: Coefficients) -> Float[Array, "dof wide"]:
+    """A motion with the higher orders, too, which follow the force along it."""
+    wide = _widened(motion, finer)
+    return jnp.concatenate([motion, (wide - _miss(finer, wide))[:, motion.shape[1] :]], axis=1)
+
+
 def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: Array) -> Coefficients:
     """A motion made to balance at the orders and instants of ``finer``, as long as that leads on; of it the orders that it had.
 

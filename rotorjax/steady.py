@@ -189,17 +189,28 @@ def _bow(assembled: Assembled, grid: Grid) -> Coefficients:
     return to_real(in_space(assembled.offset) + jnp.zeros((2, len(grid.orders)), complex))
 
 
+def total_force(model: Model) -> Callable[[Moment, Array], Float[Array, "dof"]]:
+    """Moment, shaft angle -> sum of all restoring forces [N]."""
+    own, effects = _parameters(model)
+    each = _forces(effects, model.rotor)
+    return lambda moment, angle: jnp.sum(each(own, moment, angle), axis=0)
+
+
+def moments_along(condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, angle: Float[np.ndarray, "instant"]) -> Moment:
+    """What forces depend on along a motion, at shaft angles."""
+    return _moments(Inputs((), condition.speed, motion, _bow(assembled, grid)), grid, angle)
+
+
 def slopes_along(
     model: Model, condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, *, angle: Float[np.ndarray, "instant"]
 ) -> Float[Array, "dof kind dof instant"]:
     """Derivatives of the sum of all restoring forces along a motion, by position [N/m] and by velocity [N s/m] (``kind``), at shaft angles."""
-    own, effects = _parameters(model)
-    total = _forces(effects, model.rotor)
+    total = total_force(model)
 
     def at(by_motion: Array, moment: Moment, phi: Array) -> Array:
-        return jnp.sum(total(own, moment._replace(position=by_motion[0], velocity=by_motion[1]), phi), axis=0)
+        return total(moment._replace(position=by_motion[0], velocity=by_motion[1]), phi)
 
-    moments = _moments(Inputs(own, condition.speed, motion, _bow(assembled, grid)), grid, angle)
+    moments = moments_along(condition, grid, assembled, motion, angle)
     along = jnp.stack([moments.position, moments.velocity])
     return jax.vmap(jax.jacfwd(at), in_axes=(-1, EVERY, -1), out_axes=-1)(along, moments, jnp.asarray(angle))
 
@@ -266,11 +277,11 @@ class Ready(NamedTuple):
         return restoring_system(self.model, self.condition, self.grid, self.assembled)
 
     @property
-    def finer(self) -> System:
+    def finer(self) -> "Ready":
         """The same with more orders and instants."""
         grid = self.grid.finer
         whole = self.model.with_orders(grid.orders)
-        return restoring_system(whole, self.condition, grid, by_order(whole, self.condition, grid)[0])
+        return Ready(whole, self.condition, grid, *by_order(whole, self.condition, grid))
 
     def shown(self, motion: Coefficients, orders: tuple[float, ...]) -> Complex[Array, "probe order"]:
         """What the probes show of a motion, at some orders of the grid."""
@@ -287,7 +298,7 @@ def timed_vectors(model: Model, condition: Conditions, near: Near | None = None)
         found = Balance(system.free, jnp.asarray(BALANCED))
     else:
         fixed = Ready(*jax.lax.stop_gradient((whole, condition)), grid, *jax.lax.stop_gradient((assembled, chain)))
-        frozen, finer = fixed.system, fixed.finer
+        frozen, finer = fixed.system, fixed.finer.system
         if near is None:
             found = balance(system, frozen, finer, _with_fractions(frozen, grid, search(frozen)))
         else:

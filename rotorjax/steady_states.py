@@ -7,6 +7,7 @@ multipliers (Nayfeh, Balachandran, Applied Nonlinear Dynamics, Wiley 1995, chapt
 
 import dataclasses
 import math
+import operator
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,10 +18,10 @@ from jax import Array
 from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax._core import RPM
-from rotorjax._planar import Matrix
-from rotorjax.assembly import Assembled, true_speed
-from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, UNSTABLE, Coefficients, Grid, make_grid, settled, to_complex
-from rotorjax.model import AbstractRotor, Conditions, Model, RestoringEffect, SupportEffect
+from rotorjax.assembly import true_speed
+from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, UNSTABLE, Coefficients, Grid, in_full, make_grid, settled, to_complex, to_real
+from rotorjax.in_time import Linear, linear_in_time, reached
+from rotorjax.model import AbstractRotor, Conditions, Model, RestoringEffect
 from rotorjax.response import vectors
 from rotorjax.steady import Ready, by_order, fraction_push, restoring, slopes_along, timed_vectors
 
@@ -49,6 +50,12 @@ MOST_LISTED = 4
 """Speeds that a line of words lists one by one."""
 TERMS, HALVINGS = 10, 8
 """Of the exponential: Taylor series of 2⁻⁸ of the argument, squared eight times."""
+FURTHER = 1.2
+"""Times the motion shown where it is unstable, from which the rotor is let go in time."""
+NEAR = 0.03
+"""Part of its size that may lie between a motion reached in time and the steady state that Newton's method makes of it."""
+BATCH = 8
+"""Cases that are followed in time at once."""
 GAUSS = 0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0
 """Instants of a step at which the slopes are taken."""
 
@@ -111,67 +118,6 @@ class SteadyStates(NamedTuple):
         return f"{np.sum(there)} of {len(self.speed)} conditions (speed{'s' if len(shown) > 1 else ''} {listed} rpm)"
 
 
-class _Linear(NamedTuple):
-    """The linear rotor in time: M q̈ + C q̇ + K q = 0 for the disk, and below it the foundation where the model has a support effect."""
-
-    inverse_mass: Float[Array, "state state"]
-    damping: Float[Array, "state state"]
-    stiffness: Float[Array, "state state"]
-    exists: Bool[Array, ""]
-    """Whether the dynamic stiffness at every order is that of these matrices."""
-
-
-def _arrays(matrices: Matrix) -> Complex[Array, "order dof dof"]:
-    """2x2 matrices of every order."""
-    parts = jnp.broadcast_arrays(matrices.xx, matrices.xy, matrices.yx, matrices.yy)
-    return jnp.stack(parts, axis=-1).reshape(-1, 2, 2) + 0j
-
-
-def _inverse(matrices: Array) -> Array:
-    """Of 2x2 matrices along any leading axes, in closed form."""
-    a, b, c, d = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1]
-    adjugate = jnp.stack([d, -b, -c, a], axis=-1).reshape(matrices.shape)
-    return adjugate / (a * d - b * c)[..., None, None]
-
-
-def _linear(model: Model, assembled: Assembled, omega: Float[Array, "order"]) -> _Linear:
-    """Matrices in time from the dynamic stiffness D = K_p + K + iωC - ω²M at orders from zero; K_p = (S⁻¹ + F⁻¹)⁻¹, F = (1 + iωd - ω²m) / f.
-
-    **Arguments:** ``omega``: frequency of every order [rad/s].
-    """
-    path = _arrays(assembled.path)
-    disk = _arrays(assembled.dynamic) - path
-    last, identity = omega[-1], jnp.eye(2)
-    stiffness, damping, mass = disk[0].real, disk[-1].imag / last, (disk[0] - disk[-1]).real / last**2
-    iw = 1j * omega[:, None, None]
-    expected = stiffness[None] + iw * damping[None] + iw**2 * mass[None]
-    tolerance = 10.0 * jnp.sqrt(jnp.finfo(omega.dtype).eps)
-
-    def alike(found: Array, there: Array) -> Array:
-        return jnp.all(jnp.abs(found - there) <= tolerance * jnp.max(jnp.abs(path) + jnp.abs(there), axis=(1, 2), keepdims=True))
-
-    exists = alike(expected, disk)
-    if not any(isinstance(e, SupportEffect) for e in model.effects):
-        return _Linear(_inverse(mass), damping, stiffness + path[0].real, exists & alike(path, path[:1]))
-    soft = jnp.stack(jnp.broadcast_arrays(assembled.compliance.x, assembled.compliance.y, omega)[:2], axis=-1) + 0j  # order, dof
-    # Compliance that is the same at every order, or none, has no motion of its own in time: it stays within the path.
-    own = jnp.max(jnp.abs(soft - soft[:1]), axis=0) > tolerance * jnp.abs(soft[0])
-    static = jnp.where(own, soft[0].real, 0.0)
-    spring = jnp.where(own[None], soft[:1] / jnp.where(own[None], soft, 1.0), (1.0 + iw[..., 0] / last) ** 2)
-    inertia, drag = (1.0 - spring[-1].real) / last**2, spring[-1].imag / last
-    shaft = path[0].real @ _inverse(identity - static[:, None] * path[0].real)
-    rebuilt = 1.0 + iw[..., 0] * drag[None] + iw[..., 0] ** 2 * inertia[None]
-    series = identity[None] + (static[None] / rebuilt)[..., None] * shaft[None]
-    exists &= alike(shaft[None] @ _inverse(series), path) & jnp.all(inertia > 0.0)
-    zero = jnp.zeros((2, 2))
-    return _Linear(
-        jnp.block([[_inverse(mass), zero], [zero, identity / inertia[:, None]]]),
-        jnp.block([[damping, zero], [zero, identity * drag[:, None]]]),
-        jnp.block([[stiffness + shaft, -shaft], [-static[:, None] * shaft, identity + static[:, None] * shaft]]),
-        exists,
-    )
-
-
 def _exponential(matrices: Float[Array, "step state state"]) -> Float[Array, "step state state"]:
     """Of each, by Taylor series and squaring: no factorisation."""
     small, identity = matrices / 2.0**HALVINGS, jnp.eye(matrices.shape[-1])[None]
@@ -184,21 +130,21 @@ def _exponential(matrices: Float[Array, "step state state"]) -> Float[Array, "st
     return identity + less
 
 
-def _monodromy(linear: _Linear, slopes: Float[Array, "kind step point dof dof"], speed: Float[Array, ""]) -> Float[Array, "state state"]:
-    """Of disturbances over one period, state (q, q̇): the product of exp(Ω) over its steps, Magnus' series to fourth order.
+def _monodromy(linear: Linear, slopes: Float[Array, "kind step point dof dof"], period: Float[Array, ""]) -> Float[Array, "state state"]:
+    """Of disturbances over one ``period`` [s], state (q, q̇): the product of exp(Ω) over its steps, Magnus' series to fourth order.
 
     Ω = h (A_1 + A_2)/2 + (√3/12) h² (A_2 A_1 - A_1 A_2), A at the two Gauss points of each step
     (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2nd edition, 2006, section IV.7).
     """
     size = len(linear.stiffness)
     free = linear.inverse_mass @ linear.stiffness
-    rate = jnp.maximum(jnp.sqrt(jnp.max(jnp.abs(free))), speed)  # velocities in this unit make all entries of one size
+    rate = jnp.maximum(jnp.sqrt(jnp.max(jnp.abs(free))), 2.0 * math.pi / period)  # velocities in this unit make all entries of one size
     beside = jnp.zeros((2, *slopes.shape[1:3], size, size)).at[..., :2, :2].set(slopes)
     total = jnp.stack([linear.stiffness, linear.damping])[:, None, None] + beside
     pulls = linear.inverse_mass[None, None, None] @ total
     above = jnp.broadcast_to(jnp.concatenate([jnp.zeros((size, size)), rate * jnp.eye(size)], axis=1), (*slopes.shape[1:3], size, 2 * size))
     matrices = jnp.concatenate([above, jnp.concatenate([-pulls[0] / rate, -pulls[1]], axis=-1)], axis=-2)
-    step = 2.0 * math.pi / SAMPLES / speed
+    step = period / slopes.shape[1]
     first, second = matrices[:, 0], matrices[:, 1]
     magnus = 0.5 * step * (first + second) + math.sqrt(3.0) / 12.0 * step**2 * (second @ first - first @ second)
     product = _exponential(magnus)
@@ -218,6 +164,8 @@ class _Found(NamedTuple):
     """Amplitudes at the orders of the grid; not a number where none was found."""
     monodromy: Float[Array, "start state state"]
     exists: Bool[Array, ""]
+    rolling: Complex[Array, "probe order"]
+    """Slow roll that the vectors are without."""
 
 
 def _at(condition: Conditions, speed: Array) -> Conditions:
@@ -257,7 +205,8 @@ def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep do
     starts = jnp.concatenate([near, jnp.asarray(STARTS)[:, None, None] * system.free[None] + push[None]])
     if ready.grid.turns > 1:
         starts = jnp.concatenate([starts, jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None] + _pushes(system.free)])
-    return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free), ready.finer))(starts)
+    finer = ready.finer.system
+    return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free), finer))(starts)
 
 
 def _pushes(free: Coefficients) -> Float[Array, "start dof coefficient"]:
@@ -274,21 +223,32 @@ def _balanced(model: Model, condition: Conditions) -> _Found:
     shown, found = jax.vmap(lambda speed: timed_vectors(model, _at(condition, speed)))(speeds)
     rolling = jnp.zeros_like(shown[0]) if model.slow_roll is None else shown[-1]
     motions = jnp.concatenate([found.coefficients[:1], _followed(model, condition, found.coefficients[1:3], found.coefficients[0])])
-    ready = Ready.of(model, condition)
-    others = jax.vmap(lambda motion: ready.shown(motion, model.layout.orders))(motions[1:])
-    linear = _linear(model, ready.assembled, ready.condition.speed * jnp.asarray(ready.grid.orders))
+    return _judged(Ready.of(model, condition), motions, model.layout.orders, rolling)
+
+
+def _judged(ready: Ready, motions: Float[Array, "start dof coefficient"], orders: tuple[float, ...], rolling: Complex[Array, "probe order"]) -> _Found:
+    """What the probes show of motions, and what becomes of their disturbances."""
+    linear, fine = _linear(ready), ready.finer
+    period = 2.0 * math.pi * ready.grid.turns / ready.condition.speed
     return _Found(
-        jnp.concatenate([shown[:1], others]) - rolling[None],
+        jax.vmap(lambda motion: ready.shown(motion, orders))(motions) - rolling[None],
         to_complex(motions),
-        jax.vmap(lambda motion: _monodromy(linear, _slopes(ready, motion), ready.condition.speed))(motions),
+        # One after the other, for the matrices of all steps at once would fill the memory.
+        jax.lax.map(lambda motion: _monodromy(linear, _slopes(fine, in_full(fine.system, motion)), period), motions),
         linear.exists,
+        rolling,
     )
+
+
+def _linear(ready: Ready) -> Linear:
+    return linear_in_time(ready.model, ready.assembled, ready.condition.speed * jnp.asarray(ready.grid.orders))
 
 
 def _slopes(ready: Ready, motion: Coefficients) -> Float[Array, "kind step point dof dof"]:
     """Of the restoring forces along a motion, at the Gauss points of every step."""
-    steps = SAMPLES * ready.grid.turns
-    angle = (2.0 * math.pi / SAMPLES * (np.arange(steps)[:, None] + np.array(GAUSS))).ravel()
+    samples = ready.grid.samples
+    steps = samples * ready.grid.turns
+    angle = (2.0 * math.pi / samples * (np.arange(steps)[:, None] + np.array(GAUSS))).ravel()
     slopes = slopes_along(ready.model, ready.condition, ready.grid, ready.assembled, motion, angle=angle)
     return jnp.transpose(slopes, (1, 3, 0, 2)).reshape(2, steps, 2, 2, 2)
 
@@ -299,9 +259,30 @@ def _alone(model: Model, condition: Conditions) -> _Found:
     grid = make_grid((1.0,))
     condition = _at(condition, true_speed(model, condition.speed))
     assembled, _ = by_order(model.with_orders(grid.orders), condition, grid)
-    linear = _linear(model, assembled, condition.speed * jnp.asarray(grid.orders))
-    monodromy = _monodromy(linear, jnp.zeros((2, SAMPLES, 2, 2, 2)), condition.speed)
-    return _Found(shown, jnp.zeros((1, 2, 1), complex), monodromy[None], linear.exists)
+    linear = linear_in_time(model, assembled, condition.speed * jnp.asarray(grid.orders))
+    monodromy = _monodromy(linear, jnp.zeros((2, SAMPLES, 2, 2, 2)), 2.0 * math.pi / condition.speed)
+    return _Found(shown, jnp.zeros((1, 2, 1), complex), monodromy[None], linear.exists, jnp.zeros_like(shown[0]))
+
+
+@eqx.filter_jit
+def _let_go(model: Model, conditions: Conditions, shown: Complex[Array, "case dof coefficient"], rolling: Complex[Array, "case probe order"]) -> _Found:
+    """Steady states that are reached in time from near a motion ``shown``, from rest and from the motion of the linear rotor."""
+
+    def of(condition: Conditions, motion: Complex[Array, "dof coefficient"], rolling: Complex[Array, "probe order"]) -> _Found:
+        ready = Ready.of(model, condition)
+        system = ready.system
+        linear = _linear(ready)
+
+        def from_one(begun: Coefficients) -> Coefficients:
+            there = reached(ready, linear, begun)
+            exact = settled(system, there.motion, ready.finer.system)
+            lost = ~(jnp.max(jnp.abs(exact - there.motion)) <= NEAR * jnp.max(jnp.abs(there.motion)))
+            return jnp.where(there.repeats & lost, there.motion, exact)
+
+        begun = jnp.stack([FURTHER * to_real(jnp.where(jnp.isfinite(motion), motion, 0.0)), jnp.zeros_like(system.free), system.free])
+        return _judged(ready, jax.vmap(from_one)(begun), model.layout.orders, rolling)
+
+    return jax.vmap(of)(conditions, shown, rolling)
 
 
 @eqx.filter_jit
@@ -321,18 +302,63 @@ def _same(one: Complex[np.ndarray, "dof coefficient"], other: Complex[np.ndarray
     return bool(min(np.max(np.abs(one - there)) for there in turned) <= DISTINCT * size)
 
 
-def _others(
-    shown: Complex[np.ndarray, "start probe order"], motions: Complex[np.ndarray, "start dof coefficient"], multipliers: list[float], grid: Grid
-) -> tuple[SteadyState, ...]:
-    """The distinct ones among the further steady states of one case."""
-    first = int(np.all(np.isfinite(motions[0])))
-    kept = list(range(first))
-    for k in range(1, len(motions)):
-        finite = np.all(np.isfinite(motions[k])) and np.all(np.isfinite(shown[k]))
-        if finite and not any(_same(motions[k], motions[j], grid) for j in kept):
-            kept.append(k)
-    states = [SteadyState(shown[k], multipliers[k]) for k in kept[first:]]
-    return tuple(sorted(states, key=lambda state: not state.stable)[:MOST_OTHERS])
+class _Case(NamedTuple):
+    """Steady states of one case, as in `_Found`."""
+
+    vectors: Complex[np.ndarray, "start probe order"]
+    motions: Complex[np.ndarray, "start dof coefficient"]
+    multipliers: tuple[float, ...]
+    """Not a number where no equation of motion in time is known."""
+
+    @classmethod
+    def of(cls, found: _Found) -> "_Case":
+        """Of one case of what was found."""
+        multipliers = (_multiplier(matrix) if found.exists else math.nan for matrix in np.asarray(found.monodromy))
+        return cls(np.asarray(found.vectors), np.asarray(found.motions), tuple(multipliers))
+
+    def there(self, number: int) -> bool:
+        """Whether such a steady state was found."""
+        return bool(np.all(np.isfinite(self.motions[number])) and np.all(np.isfinite(self.vectors[number])))
+
+    @property
+    def restless(self) -> bool:
+        """Whether nothing was found in which the machine would stay, although that could be told."""
+        told = [self.multipliers[k] for k in range(len(self.motions)) if self.there(k)]
+        return not np.any(np.isnan(self.multipliers)) and all(multiplier > 1.0 + GROWTH for multiplier in told)
+
+    def joined(self, other: "_Case") -> "_Case":
+        """With further ones."""
+        vectors, motions = np.concatenate([self.vectors, other.vectors]), np.concatenate([self.motions, other.motions])
+        return _Case(vectors, motions, self.multipliers + other.multipliers)
+
+    def others(self, grid: Grid) -> tuple[SteadyState, ...]:
+        """The distinct ones beside the first."""
+        first = int(np.all(np.isfinite(self.motions[0])))
+        kept = list(range(first))
+        for k in range(1, len(self.motions)):
+            if self.there(k) and not any(_same(self.motions[k], self.motions[j], grid) for j in kept):
+                kept.append(k)
+        states = [SteadyState(self.vectors[k], self.multipliers[k]) for k in kept[first:]]
+        return tuple(sorted(states, key=lambda state: not state.stable)[:MOST_OTHERS])
+
+
+def _cases(found: _Found) -> list[_Case]:
+    """One by one."""
+    each = (_Found(*parts) for parts in zip(*(np.asarray(part) for part in found), strict=True))
+    return [_Case.of(one) for one in each]
+
+
+def _settling(model: Model, conditions: Conditions, found: _Found, cases: list[_Case]) -> list[_Case]:
+    """The cases, with what the machine comes to in time where nothing stable was found."""
+    after, restless = list(cases), np.flatnonzero([case.restless for case in cases])
+    for first in range(0, len(restless), BATCH):
+        # The last batch is filled up, so that one program serves all.
+        index = restless[np.minimum(np.arange(first, first + BATCH), len(restless) - 1)]
+        chosen = jax.tree.map(operator.itemgetter(index), conditions)
+        let_go = _let_go(model, chosen, found.motions[index, 0], found.rolling[index])
+        for k, more in zip(index, _cases(let_go), strict=True):
+            after[k] = cases[k].joined(more)
+    return after
 
 
 def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> SteadyStates:
@@ -342,8 +368,9 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     order, is at most 1.001 (1.0001 without forces that depend on motion). Others are searched by following the steady state in speed from
     0.6 times the speed of the condition (0.8 times the natural frequency if that is less) and from 1.5 times, installed unbalance and bow
     unchanged, with a push towards fractions of an order where the model has any, and by Newton's method from motions of several sizes and, at
-    fractions, directions; that none was found is no proof that there is none. Motion that does not repeat itself within such a period is not
-    found. Without forces that depend on motion there is one steady state, which internal damping or cross-coupling can make unstable. Not
+    fractions, directions; where nothing stable was found so, by integration in time over 200 turns from near the motion shown, from rest and
+    from the motion of the linear rotor. That none was found is no proof that there is none. Motion that does not repeat itself within such a
+    period is not found. Without forces that depend on motion there is one steady state, which internal damping or cross-coupling can make unstable. Not
     differentiable.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** `SteadyStates`.
@@ -351,17 +378,16 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3.
     """
     model = model if isinstance(model, Model) else Model(model)
-    shown, motions, matrices, exists = (np.asarray(part) for part in _found(model, conditions))
-    timed = bool(restoring(model))
-    good = np.all(np.isfinite(shown[:, 0]), axis=(1, 2)) & np.all(np.isfinite(motions[:, 0]), axis=(1, 2))
-    each = [[_multiplier(matrix) if known else math.nan for matrix in case] for case, known in zip(matrices, exists, strict=True)]
-    others: tuple[tuple[SteadyState, ...], ...] = ((),) * len(shown)
+    found, timed = _found(model, conditions), bool(restoring(model))
+    cases = _cases(found)
+    others: tuple[tuple[SteadyState, ...], ...] = ((),) * len(cases)
     if timed:
         grid = make_grid(model.layout.orders)
-        others = tuple(_others(*case, grid) for case in zip(shown, motions, each, strict=True))
-    multiplier = np.where(good, np.array([case[0] for case in each]), np.nan)
+        others = tuple(case.others(grid) for case in _settling(model, conditions, found, cases))
+    good = np.array([case.there(0) for case in cases], bool)
+    multiplier = np.where(good, np.array([case.multipliers[0] for case in cases]), np.nan)
     result = np.where(good, np.where(multiplier > 1.0 + (GROWTH if timed else LINEAR_GROWTH), UNSTABLE, BALANCED), NOT_BALANCED)
-    return SteadyStates(np.asarray(conditions.speed), shown[:, 0], result, multiplier, others)
+    return SteadyStates(np.asarray(conditions.speed), np.asarray(found.vectors)[:, 0], result, multiplier, others)
 
 
 def steadiness(model: Model, conditions: Conditions) -> list[str]:

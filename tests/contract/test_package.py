@@ -16,7 +16,7 @@ LAYERS = [
     {"assembly", "harmonic"},
     {"continuation"},
     {"steady"},
-    {"response"},
+    {"response", "in_time"},
     {"steady_states"},
     {"measurement", "io", "simulate", "features"},
     {"signals", "dataset", "network"},

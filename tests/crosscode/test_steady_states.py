@@ -12,7 +12,7 @@ from rotorjax import Conditions, Jeffcott, Layout, Model, Support, SupportEffect
 from rotorjax.harmonic import BALANCED, UNSTABLE
 from rotorjax.model import Family, OperatingPoint, parameter
 
-from nonlinear_oracle import DOWN, NonlinearRotor, clearance
+from nonlinear_oracle import DOWN, NonlinearRotor, clearance, rub
 
 MASS, STIFFNESS, RATIO = 1.0, 5e4, 0.01
 FREQUENCY = np.sqrt(STIFFNESS / MASS)
@@ -177,6 +177,30 @@ def test_two_motions_at_half_the_order_and_both_are_found():
         reached.append(int(np.argmin(apart)))
     assert sorted(reached) == [0, 1]
     assert len(found) == 2
+
+
+HARD_STOPS = {
+    "three times as stiff": (Jeffcott(3.6476, [222320.0, 213490.0], 0.03677), (653720.0, 4.3423e-6, 0.1), 4.7652e-5, 132.855),
+    "ten times as stiff": (Jeffcott(5.3113, [213310.0, 211721.0], 0.03626, gravity=DOWN), (2125155.0, 2.23344e-4, 0.25), 2.71915e-4, 148.642),
+}
+"""Rotor, stop (stiffness, gap, friction), unbalance and speed."""
+
+
+@pytest.mark.parametrize(("rotor", "stop", "unbalance", "speed"), HARD_STOPS.values(), ids=HARD_STOPS)
+def test_what_a_rubbing_rotor_comes_to_is_found_beside_an_unstable_motion(rotor, stop, unbalance, speed):
+    """From rest, and its stability is judged with the corners where contact begins and ends; along 7 orders the multiplier of the first is 1.15."""
+    stiffness, gap, friction = stop
+    model = Model(rotor, layout=Layout(orders=(0.0, 1.0, 2.0))) + effects.Rub(stiffness, 1.0 / gap, friction)
+    states = steady_states(model, Conditions.at([speed], unbalance=[unbalance, 0.0]))
+    stiff, drag, weight = ((float(a), float(b)) for a, b in (rotor.stiffness, rotor.damping, rotor.gravity))
+    there = NonlinearRotor(float(rotor.mass), stiff, drag, gravity=weight, unbalance=unbalance, forces=(rub(*stop, 1),), transient=150).orbit(speed)
+    waves = np.exp(-1j * speed * there.times * np.arange(3)[:, None]) * np.array([[1.0], [2.0], [2.0]])
+    expected = there.position.T @ waves.T / len(there.times)
+    assert states.result[0] == UNSTABLE
+    assert "but a stable one exists" in " ".join(states.words())
+    found = min((other for other in states.others[0] if other.stable), key=lambda other: np.max(np.abs(other.vectors - expected)))
+    assert np.max(np.abs(found.vectors - expected)) < 1e-3 * np.max(np.abs(expected[:, 1:]))
+    assert found.multiplier == pytest.approx(there.multiplier, abs=0.01)
 
 
 def test_healthy_rotors_give_no_words():
