@@ -122,7 +122,7 @@ def compared(drawn: Drawn) -> tuple[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=30, help="for each strength (%(default)s)")
-    parser.add_argument("--seed", type=int, default=14, help="to draw them; 1, 2, 11, 12 and 13 were looked at while the method was made (%(default)s)")
+    parser.add_argument("--seed", type=int, default=16, help="to draw them; 1, 2 and 11 to 15 were looked at while the method was made (%(default)s)")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     rng = np.random.default_rng(arguments.seed)
