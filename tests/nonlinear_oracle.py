@@ -91,7 +91,7 @@ class NonlinearRotor:
             return FAR - float(np.max(np.abs(flat[: 2 * motions])))
 
         near.terminal = True  # pyright: ignore
-        settings |= {"method": "DOP853", "rtol": rtol, "atol": atol, "events": near}
+        settings = {"method": "DOP853", **settings, "rtol": rtol, "atol": atol, "events": near}
         found = solve_ivp(self._equation(speed), (0.0, turns * period), states.ravel(), **settings)
         if found.status != 0:
             raise RuntimeError(f"the motion runs away at {speed} rad/s: {found.message}")
@@ -104,7 +104,8 @@ class NonlinearRotor:
         """
         period, units = 2 * np.pi / speed, np.array([1.0, 1.0, speed, speed])
         state = np.zeros(4) if start is None else np.asarray(start, float)
-        state = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, t_eval=[self.transient * period]).y[:, -1]
+        # Friction spread over a small speed is stiff; where this ends need not be exact.
+        state = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, method="LSODA", t_eval=[self.transient * period]).y[:, -1]
         fine = {"rtol": 1e-12, "max_step": period / LEAST_STEPS}
         for _ in range(25):
             size = max(np.max(np.abs(state / units)), 1e-9)
