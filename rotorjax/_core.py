@@ -209,9 +209,9 @@ def levenberg_marquardt(
     return Descent(end.point, end.quadratic, end.steps, result, end.damping)
 
 
-def diagonal(pair: Float[Array, "dof"]) -> Float[Array, "dof dof"]:
-    """Diagonal 2x2 matrix by multiplication: `jnp.diag` becomes a scatter, several times slower under ``vmap``."""
-    return jnp.eye(2) * pair[:, None]
+def diagonal(values: Float[Array, "dof"]) -> Float[Array, "dof dof"]:
+    """Diagonal matrix by multiplication: `jnp.diag` becomes a scatter, several times slower under ``vmap``."""
+    return jnp.eye(len(values)) * values[:, None]
 
 
 def real_pair(vector: Array) -> Float[Array, "*shape 2"]:

@@ -198,8 +198,6 @@ def ties_table(found: Explanation) -> Table | None:
 
 def _why_tied(tied: Alternative) -> str:
     same = "misses elsewhere, not less" if tied.apart > ALIKE else "predicts the same within the error"
-    if tied.size is not None:
-        return f"{same}; only its size speaks against it"
     return same if tied.gap < TIE else f"{same}; leads where priors are three times as wide or as narrow"
 
 
@@ -207,7 +205,6 @@ def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     lines = []
     lines += _same_bow(found)
-    lines += [f"Only its size speaks against {listed(t.effects)}: {number(t.size, 2)} times what is usual." for t in found.ties.tied if t.size is not None]
     lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
     if found.next_measurement is not None:
         n = found.next_measurement

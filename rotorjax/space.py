@@ -41,7 +41,7 @@ class Entry(NamedTuple):
 
 
 class Space(eqx.Module):
-    """Maps a vector of unknowns, each of prior variance one, to a model.
+    """Maps a vector of unknowns, each in units of its prior scale, to a model.
 
     Value of entry i: scale_i u_j, where j is its unknown; the null of every effect is u = 0. A value that the user
     declared uncertain is given_i + scale_i u_j, or (1 + given_i) exp(scale_i u_j) - 1 if it is a positive quantity: what
@@ -53,6 +53,8 @@ class Space(eqx.Module):
     scale: Float[Array, "param"]
     logarithmic: Bool[Array, "param"]
     unknown: Int[Array, "param"]
+    force: Int[Array, "param"]
+    """Of every unknown: a number for the force that depends on motion that it belongs to, of a size that nobody declared; -1 where there is none."""
     entries: tuple[Entry, ...] = eqx.field(static=True)
 
     def at(self, unknowns: Float[Array, "param"]) -> Model:
@@ -141,12 +143,18 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
                 scale, logarithmic = (own, False) if known is None else (known.deviation, known.logarithmic)
                 entries.append(Entry(effect.name, label, scale, logarithmic, known is not None, unknown))
     declared = np.array([e.declared_uncertain for e in entries], dtype=bool)
+    sized = [e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)]
+    force = np.full(len(entries), -1)
+    for entry in entries:
+        told = entry.declared_uncertain or entry.label in knowledge.priors.get(entry.effect, {})
+        force[entry.unknown] = sized.index(entry.effect) if entry.effect in sized and not told else -1
     return Space(
         model,
         jnp.asarray(np.where(declared, _given(model), 0.0)),
         jnp.asarray(np.array([e.scale for e in entries], dtype=float)),
         jnp.asarray(np.array([e.logarithmic for e in entries], dtype=bool)),
         jnp.asarray(np.array([e.unknown for e in entries], dtype=int)),
+        jnp.asarray(force),
         tuple(entries),
     )
 

@@ -51,7 +51,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
 
     weight = np.asarray(data.weight).reshape(len(contest.training), -1)
     own = fit(np.zeros((1, *weight.shape)), None)[0]
-    pairs, prior = numpy_pair(own.shown), 0.5 * float(np.sum(own.point[free] ** 2))
+    pairs, prior = numpy_pair(own.shown), float(own.prior.cost)
     rng = np.random.default_rng(seed)
     per_call = max(1, QUICK.batch // len(starts))
     costs: list[float] = []

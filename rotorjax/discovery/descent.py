@@ -12,8 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Descent, Quadratic, Tolerance, levenberg_marquardt, real_pair
+from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Descent, Quadratic, Tolerance, diagonal, levenberg_marquardt, real_pair
 from rotorjax.discovery.data import LEAST_CASES, Data, filled, half_order_sign, size_class
+from rotorjax.discovery.prior import Prior, prior_at
 from rotorjax.harmonic import NEWTON_STEPS
 from rotorjax.model import Conditions, Layout
 from rotorjax.response import motions_of, searched_motions, vectors, vectors_from
@@ -92,6 +93,8 @@ class End(NamedTuple):
     """The unknowns that were free."""
     curvature: Float[np.ndarray, "free free"]
     """Hessian of the cost by those."""
+    prior: Prior
+    """The prior there, of the unknowns that were free."""
     local: Local
     """On all cases, whichever were trained on."""
     shown: Complex[np.ndarray, "case probe order"]
@@ -104,20 +107,22 @@ class End(NamedTuple):
     """False where forces that depend on motion were only laid along the measured motion."""
 
     @property
-    def prior_cost(self) -> float:
-        """What of the cost is the distance of the values from the prior's centre."""
-        return 0.5 * float(np.sum(self.point[self.free] ** 2))
-
-    @property
     def data_cost(self) -> float:
         """The cost without the prior's: values many prior scales large may still be right."""
-        return self.cost - self.prior_cost
+        return self.cost - float(self.prior.cost)
 
     @property
     def hessian(self) -> Float[np.ndarray, "param param"]:
         """Hessian by all unknowns; those that were not free have their prior's."""
         full = np.eye(len(self.point))
         full[np.ix_(self.free, self.free)] = self.curvature
+        return full
+
+    @property
+    def prior_width(self) -> Float[np.ndarray, "param"]:
+        """How wide the prior is there, of all unknowns: one but for those of large forces of a size that is left open."""
+        full = np.ones(len(self.point))
+        full[self.free] = 1.0 / np.sqrt(np.asarray(self.prior.weight))
         return full
 
 
@@ -162,6 +167,8 @@ def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Ca
     """Cost of the free unknowns, with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
     kept, chosen, training = task.kept, task.chosen, task.training
     member = (data.run[:, None] == jnp.arange(data.run_count)[None]).astype(float)
+    same_force = (space.force[:, None] == space.force[None]) & (space.force >= 0)
+    alike = jnp.asarray(chosen).T @ same_force.astype(float) @ jnp.asarray(chosen)
 
     def per_case(array: Array) -> Array:
         return array.reshape(array.shape[0], math.prod(array.shape[1:4]), *array.shape[4:])
@@ -173,7 +180,8 @@ def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Ca
 
     def evaluate(unknowns: Array, motions: Array) -> Quadratic:
         slopes, (error, shown, found) = jax.jacfwd(parts, has_aux=True)(unknowns, motions)
-        local = per_case(error) + task.shift, per_case(slopes), shown
+        prior = prior_at(unknowns, alike)
+        local = per_case(error) + task.shift, per_case(slopes), shown, prior
         error, slopes = local[0] * training[:, None], local[1] * training[:, None, None]
         cost = 0.5 * jnp.sum(error**2)
         gradient = jnp.einsum("cm,cmp->p", error, slopes)
@@ -185,7 +193,7 @@ def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Ca
             cost -= 0.5 * jnp.sum(score**2)
             gradient -= jnp.einsum("rlp,rl->p", cross, score)
             hessian -= jnp.einsum("rlp,rlq->pq", cross, cross)
-        return Quadratic(cost + 0.5 * unknowns @ unknowns, gradient + unknowns, hessian + jnp.eye(len(unknowns)), local, found)
+        return Quadratic(cost + prior.cost, gradient + prior.weight * unknowns, hessian + diagonal(prior.weight), local, found)
 
     return evaluate
 
@@ -424,13 +432,14 @@ def _end(found: Descent, k: int, fixed: np.ndarray, column: np.ndarray, cases: i
     size, quadratic = len(column), found.quadratic
     point = fixed.copy()
     point[column] = found.point[k, :size]
-    error, slopes, shown = quadratic.extra
+    error, slopes, shown, prior = quadratic.extra
     cost = float(quadratic.cost[k]) if np.isfinite(quadratic.cost[k]) else math.inf
     local = Local(np.asarray(error[k, :cases]), np.asarray(slopes[k, :cases, :, :size]))
     vectors = shown[k, :cases, ..., 0] + 1j * shown[k, :cases, ..., 1]
     motions = quadratic.memory[k][:cases] if quadratic.memory[k].ndim > 1 else np.zeros((0, *shape))
     curvature = np.asarray(quadratic.hessian[k, :size, :size]) if math.isfinite(cost) else np.eye(size)
-    return End(point, cost, column, curvature, local, vectors, motions, steps, int(found.result[k]), exact=True)
+    here = Prior(prior.cost[k], prior.weight[k, :size])
+    return End(point, cost, column, curvature, here, local, vectors, motions, steps, int(found.result[k]), exact=True)
 
 
 @eqx.filter_jit

@@ -108,11 +108,12 @@ class Stage(NamedTuple):
 def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None = None, held_out: bool = True) -> Fit:
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
 
-    Minimises Σ |(z - z_model)/σ|² + Σ u², u the parameters in units of their prior scale (maximum a posteriori), by
-    Levenberg-Marquardt from every declared start; the best descent wins. Standard errors are the larger of the
-    posterior's and of the cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter
-    between runs widens them; with fewer than four runs the clusters are single cases, which scatter between runs
-    escapes. σ² is that of the table plus what the misfit demands: see `Fit.misfit`.
+    Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p is
+    normal, or, where a force depends on motion, of a size left open: `rotorjax.discovery.prior`), by Levenberg-Marquardt
+    from every declared start; the best descent wins. Standard errors are the larger of the posterior's and of the
+    cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter between runs widens them; with
+    fewer than four runs the clusters are single cases, which scatter between runs escapes. σ² is that of the
+    table plus what the misfit demands: see `Fit.misfit`.
 
     **Arguments:** ``model``; ``measurement``; ``free``: names of the effects to fit, by default all that the model
     has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
@@ -321,7 +322,7 @@ def _covariance(best: End, clusters: list[Local]) -> np.ndarray:
     if len(clusters) > 1 and len(posterior):
         scores = np.stack([slope.T @ error for error, slope in clusters])
         small_sample = len(clusters) / (len(clusters) - 1.0)
-        robust = posterior @ (small_sample * scores.T @ scores + np.eye(len(posterior))) @ posterior
+        robust = posterior @ (small_sample * scores.T @ scores + np.diag(np.asarray(best.prior.weight))) @ posterior
         growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
         posterior = posterior * growth[:, None] * growth[None, :]
     covariance = np.eye(len(best.point))
@@ -331,14 +332,14 @@ def _covariance(best: End, clusters: list[Local]) -> np.ndarray:
 
 def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
     values = space.values(best.point)
-    posterior = np.sqrt(np.diag(np.linalg.inv(best.hessian)))
+    posterior, widest = np.sqrt(np.diag(np.linalg.inv(best.hessian))), best.prior_width
     estimates = []
     for entry, value in zip(space.entries, values, strict=True):
         if not free[entry.unknown]:
             continue
         slope = entry.scale * (1.0 + value if entry.logarithmic else 1.0)
-        deviation = min(1.0, float(np.sqrt(covariance[entry.unknown, entry.unknown])))
-        determined = bool(posterior[entry.unknown] < UNDETERMINED)
+        deviation = min(float(widest[entry.unknown]), float(np.sqrt(covariance[entry.unknown, entry.unknown])))
+        determined = bool(posterior[entry.unknown] < UNDETERMINED * widest[entry.unknown])
         estimates.append(Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown])))
     return tuple(estimates)
 

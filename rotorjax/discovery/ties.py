@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from rotorjax._core import numpy_pair
 from rotorjax.discovery.data import half_order_sign
@@ -24,8 +24,6 @@ SCALES = (1.0 / 3.0, 3.0)
 """Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
 NEAR = 15.0
 """Log evidence behind the winner up to which the repetition is worth it, beyond what wider scales can give back."""
-LARGEST = 30.0
-"""Factor on the prior scales of forces that depend on motion: nobody knows beforehand how large a cubic spring or friction is."""
 AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
 TRIED_PAIRS = 5
@@ -44,8 +42,6 @@ class Alternative(NamedTuple):
     contender: Contender
     apart: float
     """Root mean square difference of its predictions from the answer's, in standard errors of the measured cells."""
-    size: float | None = None
-    """Prior scales that its force is large, where nothing else speaks against it."""
 
 
 class Ties(NamedTuple):
@@ -73,8 +69,7 @@ class Ties(NamedTuple):
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, if it leads under prior scales times 1/3 or 3, or if its own force,
-    which depends on motion, only is larger than expected: its prior scales up to 30 times as wide. Whether
+    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3. Whether
     it then predicts the same, or differs and fits no worse, is told with it. One with more determined parameters that
     fits no better contains the answer: that is no tie.
     """
@@ -83,13 +78,13 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     every = list(itertools.chain(*swaps.values()))
-    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], winner), winner)]
+    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(selection.known[h], winner), winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
-    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
-    leads, large = _leads_elsewhere(contest, noise, winner, others), _leads_if_large(contest, noise, winner, others)
+    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(c, winner) < NEAR]
+    leads = _leads_elsewhere(contest, noise, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
@@ -98,8 +93,8 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
             if len(instead) <= len(gone) or instead <= set(itertools.chain.from_iterable(catalog[name].relatives for name in gone)):
                 contains.append(alternative)
-        elif gap < TIE or other.effects in leads or other.effects in large:
-            tied.append(alternative._replace(size=large.get(other.effects) if gap >= TIE else None))
+        elif gap < TIE or other.effects in leads:
+            tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner)
 
 
@@ -149,7 +144,8 @@ def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:
 
 def _determined(end: End) -> int:
     """Directions that the data determine beyond the prior."""
-    return int(np.count_nonzero(np.linalg.eigvalsh(end.curvature) > DETERMINED)) if len(end.free) else 0
+    width = end.prior_width[end.free]
+    return int(np.count_nonzero(np.linalg.eigvalsh(width[:, None] * end.curvature * width) > DETERMINED)) if len(end.free) else 0
 
 
 def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
@@ -163,29 +159,9 @@ def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: 
     return leads
 
 
-def _new_forces(contest: Contest, other: Contender, answer: Effects) -> Bool[np.ndarray, "param"]:
-    """Unknowns of the forces depending on motion that an alternative adds to a set."""
-    return contest.only_of((other.effects - answer) & contest.timed)
-
-
-def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
+def _at_best(other: Contender, winner: Contender) -> float:
     """Log evidence, with the most that wider prior scales could give back of what large values cost it and not the winner."""
-    everywhere = (1.0 - SCALES[-1] ** -2.0) * (other.best.prior_cost - winner.best.prior_cost)
-    new = other.best.point[_new_forces(contest, other, winner.effects)]
-    return other.log_evidence + max(0.0, everywhere, 0.5 * (1.0 - LARGEST**-2.0) * float(np.sum(new**2)))
-
-
-def _leads_if_large(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> dict[Effects, float]:
-    """Those of the others that lead the winner where their new forces are expected to be as large as they are, and how many prior scales that is."""
-    leads: dict[Effects, float] = {}
-    for other in others:
-        new = _new_forces(contest, other, winner.effects)
-        size = float(np.sqrt(np.mean(other.best.point[new] ** 2))) if new.any() else 0.0
-        if size > 1.0:
-            changed, known = _rescaled(contest, np.where(new, min(size, LARGEST), 1.0), [other])
-            again = race(changed, noise, known, known)[other.effects]
-            leads |= {other.effects: size} if again.log_evidence > winner.log_evidence else {}
-    return leads
+    return other.log_evidence + max(0.0, (1.0 - SCALES[-1] ** -2.0) * float(other.best.prior.cost - winner.best.prior.cost))
 
 
 def _rescaled(contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]) -> tuple[Contest, Known]:
