@@ -167,7 +167,7 @@ def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Ca
     """Cost of the free unknowns, with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
     kept, chosen, training = task.kept, task.chosen, task.training
     member = (data.run[:, None] == jnp.arange(data.run_count)[None]).astype(float)
-    same_force = (space.force[:, None] == space.force[None]) & (space.force >= 0)
+    same_force = (space.force[:, None] == space.force[None]) & (space.force >= 0)[:, None]
     alike = jnp.asarray(chosen).T @ same_force.astype(float) @ jnp.asarray(chosen)
 
     def per_case(array: Array) -> Array:

@@ -18,7 +18,7 @@ from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.noise import NO_SCATTER, Noise
-from rotorjax.discovery.race import Contest, Effects, check_catalog, make_contest, misfit_left, race
+from rotorjax.discovery.race import Contest, Effects, Known, check_catalog, make_contest, misfit_left, race
 from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, ranking, retold, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
@@ -178,9 +178,9 @@ def _answer(
     selection, ties, noise = _with_ties(selection, catalog, progress)
     progress("error on data held out")
     held = held_out(contest, selection) if thorough else HeldOut((None,) * len(selection.races), "not asked for")
-    progress("whether what is left is more than noise")
-    p = p_value(contest, selection.known[selection.present]) if thorough and contest.measurement.sigma is not None else None
     fits = _fits(contest, model, selection, held)
+    progress("whether what is left is more than noise")
+    p = p_value(contest, selection.known[selection.present].led_by(fits[-1].end)) if thorough and contest.measurement.sigma is not None else None
     proposal = None
     for other in ties.tied:
         proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
@@ -264,20 +264,36 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
 
 
 def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -> tuple[Fit, ...]:
-    """The fit of every nested set, polished, each under the noise that it leaves."""
+    """The fit of every nested set, polished."""
     uncertain = {u.effect for u in contest.measurement.knowledge.uncertain}
     given = {e.name for e in model.effects} | uncertain
     fits = []
     for step, rms in enumerate(held.rms):
         names = selection.effects[:step]
         effects: Effects = frozenset(names) | (frozenset(selection.small) if step == len(selection.effects) else frozenset())
-        noise = Noise(misfit_left(contest, selection.known[effects], selection.races[step].noise), contest.floor.scatter)
-        contender = race(contest, noise, [effects], selection.known)[effects]
-        data = contest.data(noise, contender.best.point)
-        starts = [Start.at(end) for end in contender.ends[:2]]
-        every, manner = np.ones((len(starts), len(contest.measurement.run)), bool), contest.manner(POLISHED)
-        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=contender.best.point, manner=manner))
+        polished = _polished(contest, selection.known, effects, selection.races[step].noise)
         stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
-        fits.append(summarise(stage, Round(noise.allowance, data, best, starts, noise.allowance), rms, held.reason, scatter=scatter))
+        fits.append(summarise(stage, polished, rms, held.reason, scatter=scatter))
     return tuple(fits)
+
+
+def _polished(contest: Contest, known: Known, effects: Effects, under: Noise) -> Round:
+    """The best fit of one set, under the noise that it leaves; under that of the table where it holds within that."""
+    own = known[effects]
+    noise = Noise(misfit_left(contest, own, under), contest.floor.scatter)
+    again = race(contest, noise, [effects], known)[effects]
+    # A descent under another noise may end in another motion: where it came from must not be lost.
+    starts = [Start.at(end) for end in (*again.ends[:2], own.best)]
+    every, manner = np.ones((len(starts), len(contest.measurement.run)), bool), contest.manner(POLISHED)
+
+    def polish(noise: Noise) -> Round:
+        data = contest.data(noise, again.best.point)
+        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=again.best.point, manner=manner))
+        return Round(noise.allowance, data, best, starts, noise.allowance)
+
+    if noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:
+        quiet = polish(contest.floor)
+        if misfit_left(contest, own.led_by(quiet.best), contest.floor) == contest.floor.allowance:
+            return quiet
+    return polish(noise)

@@ -54,6 +54,10 @@ class Contender(NamedTuple):
         """The best optimum."""
         return self.ends[0]
 
+    def led_by(self, end: End) -> "Contender":
+        """The same with another end in the place of the best."""
+        return self._replace(ends=(end, *self.ends[1:]))
+
 
 @dataclasses.dataclass(frozen=True)
 class Contest:

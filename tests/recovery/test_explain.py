@@ -12,6 +12,7 @@ from rotorjax.answer import explanation_json, explanation_text, notes, sentence
 from rotorjax.discovery import bootstrap, descent
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
+from rotorjax.discovery.race import contender_of
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Uncertain
 from rotorjax.model import RestoringEffect, WaveformEffect
@@ -115,6 +116,26 @@ def test_draws_that_cannot_be_fitted_say_nothing_for_the_noise(monkeypatch):
     found = explain(model, measurement, only=["damping_error"])
     assert found.verdict == "unexplained"
     assert "is more than the noise (p <= 0.0" in sentence(found)
+
+
+def test_verdict_and_table_are_of_one_fit(monkeypatch):
+    """A fit again that ends in a worse optimum, as among several steady motions, does not replace the better one, of which the p-value is."""
+    module = sys.modules["rotorjax.discovery.explain"]
+    model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
+    seen = {}
+
+    def losing(contest, noise, hypotheses, known, *others):
+        seen.update({end.point.tobytes(): end for contender in known.values() for end in contender.ends})
+        return {effects: contender_of(effects, [known[frozenset()].best], None) for effects in hypotheses}
+
+    def staying(space, data, starts, *others, **manner):
+        return [seen[start.point.tobytes()] for start in starts]
+
+    monkeypatch.setattr(module, "race", losing)
+    monkeypatch.setattr(module, "descend", staying)
+    kept = explain(model, measurement, only=["cross_coupling"])
+    assert kept.verdict == "explained"
+    assert kept.story.last.rms < 0.1 * kept.story.declared.rms
 
 
 def test_two_measurements_of_one_size_compile_once(monkeypatch):
