@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax.discovery.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.discovery.descent import HOPELESS, QUICK, End, Manner, Start, descend, searched, starts_at
+from rotorjax.discovery.descent import HOPELESS, LEAST_POINTS, QUICK, End, Manner, Start, descend, predict, searched, starts_at
 from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Measurement
@@ -26,6 +26,12 @@ MOST_ROUGH = 2
 """Optima that are kept of forces laid along the measured motion."""
 SIZES = (0.5, 1.0, 2.0, 4.0)
 """Of a force, in what fits best along the measured motion, from which on it is fitted with motions that were searched for."""
+OTHER_SIZES = 2.0 ** (np.array([*range(-8, 0), *range(1, 9)]) / 4.0)
+"""Of a force, in what its descent ended at: a resonance between two sizes bars a descent's way, and is narrower than half of them."""
+MOST_LEFT = 0.3
+"""Of what is left without a force, the part that it leaves at most for other sizes of it to be tried."""
+KINDRED_ROUNDS = 3
+"""Most rounds among kindred sets: what leads after one has other kin."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
 NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
@@ -295,7 +301,7 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
         if _same(quiet, noise) and not rough:
-            found.update({} if sought else _sought(contest, noise, wanted, found))
+            found.update({} if sought else _sought(contest, noise, wanted, found) | _resized(contest, noise, wanted, found))
             if sought or _leader(contest, found, wanted) == leader:
                 break
             sought = True
@@ -306,7 +312,11 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         # What was hopeless under more noise stays so under less.
         near = [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS]
         found.update(race(contest, noise, near, found))
-    found.update(_kindred(contest, noise, wanted, found))
+    for _ in range(KINDRED_ROUNDS):
+        leader = _leader(contest, found, wanted)
+        found.update(_kindred(contest, noise, wanted, found))
+        if _leader(contest, found, wanted) == leader:
+            break
     stuck = noise.allowance > 0.0 and _leader(contest, found, wanted) == min(wanted, key=len)
     if stuck and contest.floor == NO_NOISE and contest.measurement.sigma is not None:
         # A set that holds within the table's noise explains more than the smallest one that needs a misfit of its own size.
@@ -337,6 +347,32 @@ def _sought(contest: Contest, noise: Noise, wanted: list[Effects], found: Known)
             sized[strengths] *= size
             start = searched(contest.space, data, sized)
             starts += [(effects, start._replace(least=found[leader].best.cost))] if np.all(np.isfinite(np.asarray(start.motions))) else []
+    return _gained(contest, noise, starts, found, leader, lambda end: end.exact)
+
+
+def _resized(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
+    """Sets with one force that depends on motion which explains much, from the size of it that fits best if that is another than it ended at; those that gain.
+
+    A resonance on the way from a weak force to a strong one holds a descent back. The most probable sets with each such force.
+    """
+    m, space, starts = contest.kept_measurement(), contest.space, []
+    tried: Effects = frozenset()
+    leader = _leader(contest, found, wanted)
+    for effects in sorted(wanted, key=lambda effects: -contest.log_posterior(found[effects])):
+        force, end = effects & contest.timed, found[effects].best
+        without = found.get(effects - force)
+        if len(force) != 1 or force & tried or not end.exact or without is None or len(tried) >= MOST_LOST:
+            continue
+        tried |= force
+        missed = m.rms_of(end.shown)
+        if missed > MOST_LEFT * m.rms_of(without.best.shown):
+            continue
+        strength = next(e.unknown for e in space.entries if e.effect in force)
+        points = np.stack([np.where(np.arange(len(end.point)) == strength, end.point * size, end.point) for size in OTHER_SIZES])
+        shown = np.concatenate([predict(space, m.conditions, some) for some in np.split(points, range(LEAST_POINTS, len(points), LEAST_POINTS))])
+        misses = np.array([m.rms_of(one) for one in shown])
+        if np.nanmin(misses, initial=math.inf) < missed:
+            starts.append((effects, searched(space, contest.data(noise, end.point), points[np.nanargmin(misses)])))
     return _gained(contest, noise, starts, found, leader, lambda end: end.exact)
 
 
