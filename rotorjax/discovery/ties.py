@@ -81,6 +81,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(selection.known[h], winner), winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
+    found.update(_each_alone(contest, noise, winner, every, found))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(c, winner) < NEAR]
@@ -96,6 +97,21 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner)
+
+
+def _each_alone(contest: Contest, noise: Noise, winner: Contender, every: list[Effects], found: Known) -> Known:
+    """Sets with one force that depends on motion for another, fitted once more from every start of theirs and each by itself; those that gain.
+
+    In the race many such sets are judged by their force along the measured motion, and one that follows what leads has lost its way to
+    another motion: as a rival of the answer each has a descent of its own.
+    """
+    gained: Known = {}
+    for effects in every:
+        exchanged = effects ^ winner.effects
+        if exchanged <= contest.timed and found[effects].log_evidence < winner.log_evidence - NEAR:
+            alone = race(contest, noise, [effects], {})[effects]
+            gained |= {effects: alone} if alone.log_evidence > found[effects].log_evidence else {}
+    return gained
 
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:
