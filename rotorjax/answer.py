@@ -205,7 +205,7 @@ def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     lines = []
     lines += _same_bow(found)
-    lines += [_contains(found, other) for other in found.ties.contains[:MOST_CONTAINS]]
+    lines += [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
     if found.next_measurement is not None:
         n = found.next_measurement
         one, other = (listed(names) for names in n.separates)
@@ -255,13 +255,11 @@ def _same_bow(found: Explanation) -> list[str]:
     ]
 
 
-def _contains(found: Explanation, other: Alternative) -> str:
-    relatives = {relative for name in other.instead_of for relative in found.catalog[name].relatives}
-    if not set(other.effects) & relatives:
-        can = "does" if len(other.effects) == 1 else "together do"
-        return f"{listed(other.effects)} {can} what {listed(other.instead_of)} does, with more parameters (log evidence {number(other.gap, 2)} behind)."
-    verbs = ("contains", "is") if len(other.effects) == 1 else ("together contain", "are")
-    return f"{listed(other.effects)} {verbs[0]} {listed(other.instead_of)} and {verbs[1]} not needed (log evidence {number(other.gap, 2)} behind)."
+def _contains(other: Alternative) -> str:
+    verbs = ("does", "is") if len(other.effects) == 1 else ("together do", "are")
+    answer = f"{listed(other.instead_of)} {'does' if len(other.instead_of) == 1 else 'do'}"
+    behind = number(other.gap, 2)
+    return f"{listed(other.effects)} {verbs[0]} what {answer}, with more parameters, and {verbs[1]} not needed (log evidence {behind} behind)."
 
 
 def ranking_tables(found: Explanation) -> list[Table]:

@@ -127,7 +127,7 @@ def test_a_force_is_not_excluded_by_its_size_alone():
     found = explain(hidden.model, hidden.measurement)
     assert (found.verdict, found.effects) == ("explained", ("duffing",))
     assert [other.effects for other in found.ties.contains] == [("clearance",)]
-    assert any("clearance does what duffing does, with more parameters" in line for line in notes(found))
+    assert any("clearance does what duffing does, with more parameters, and is not needed" in line for line in notes(found))
 
 
 def test_a_strong_force_is_not_split_among_weaker_ones():
