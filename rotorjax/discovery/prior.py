@@ -1,11 +1,13 @@
-"""The prior of the unknowns: normal, or, for forces that depend on motion, of a size that is left open."""
+"""The prior of the unknowns: normal, with long tails for forces that depend on motion."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
-from jax.scipy.special import gammaln
 from jaxtyping import Float
+
+USUAL = 3.0
+"""Prior scales up to which the size of a force that depends on motion counts as in a normal distribution."""
 
 
 class Prior(NamedTuple):
@@ -20,22 +22,18 @@ class Prior(NamedTuple):
 def prior_at(unknowns: Float[Array, "free"], alike: Float[Array, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 
-    A standard normal for each, but for those of a force that depends on motion: nobody knows beforehand how strong a cubic
-    spring or a rub is. The n unknowns of such a force together have a Student distribution with one degree of freedom (Cauchy, as
-    Gelman et al. 2008, Ann. Appl. Stat. 2:1360-1383, advise where a scale is little more than a guess), in which thirty times
-    the usual costs a single number as much as three and a half standard deviations of a normal one:
+    A standard normal for each; but the size r = |u| of all unknowns of a force that depends on motion has a tail by a power, as
+    nobody knows beforehand how strong a cubic spring or a rub is: thirty times the usual must not be excluded by its size alone.
 
-        p(u) ∝ (1 + |u|² / (n + 1))^(-(n + 1) / 2)
+        -ln p(u) = r² / 2 up to r = c, c² / 2 + c² ln(r / c) beyond, c = `USUAL`
 
-    It has the normal's curvature at its peak. The weight is that of iterated least squares, (1 + |u|² / (n + 1))⁻¹ (Lange, Little, Taylor
-    1989, J. Am. Stat. Assoc. 84:881-896): as a curvature it bounds the true one from above, and is never negative.
+    up to a constant that is within a thousandth of the normal's for a single number. The weight is that of iterated least squares,
+    min(1, c² / r²) (Huber 1981, Robust Statistics, section 7.8): as a curvature it bounds the true one from above, and is never negative.
 
     **Arguments:** ``unknowns``; ``alike``: 1 where two unknowns belong to the same such force, itself included; rows of zeros for the others.
     """
     count = alike.sum(axis=1)
-    left_open = count > 0.0
-    shape = 0.5 * (count + 1.0)
-    wide = 1.0 + alike @ unknowns**2 / (count + 1.0)
-    peak = 0.5 * jnp.log(jnp.pi) - gammaln(shape) + 0.5 * count * jnp.log(shape)
-    each = jnp.where(left_open, (peak + shape * jnp.log(wide)) / jnp.maximum(count, 1.0), 0.5 * unknowns**2)
-    return Prior(each.sum(), 1.0 / wide)
+    far = jnp.maximum(alike @ unknowns**2 / USUAL**2, 1.0)
+    tail = 0.5 * USUAL**2 * (1.0 + jnp.log(far)) / jnp.maximum(count, 1.0)
+    each = jnp.where(far > 1.0, tail, 0.5 * unknowns**2)
+    return Prior(each.sum(), 1.0 / far)
