@@ -1,7 +1,7 @@
 """The whole of `explain` on effects drawn by seed, one or two, with machine, plan, noise and what is poor about the measurement.
 
 Motion is integrated in time by code that shares nothing with rotorjax. A confident wrong answer is the worst defect: it is called
-WRONG, and the script exits with 1 if there is one. Seeds below 650 were looked at while the method was made. Some half
+WRONG, and the script exits with 1 if there is one. Seeds below 730 were looked at while the method was made. Some half
 an hour; prints a line for each and writes a table.
 
     python benchmarks/explanations.py --output benchmarks/results
@@ -25,7 +25,7 @@ from rotorjax.tables import number
 from drawn_effects import Hidden, draw
 
 ABOUT = """One effect of the catalogue or two, or none, drawn by seed with machine, plan, noise and what is poor about the measurement; integrated in time.
-Seeds below 650 were looked at while the method was made.
+Seeds below 730 were looked at while the method was made.
 
 *Right*: "explained" by what is hidden, or "nothing missing" where nothing is. *Right but for the small*: a part is named, and it leaves no more than the noise.
 *Among what is open*: "undecided", and the hidden effects are the answer or one that the data cannot tell from it. *Left open*: "undecided" or "unexplained",
@@ -56,7 +56,7 @@ def _replaced(answer: set[str], others: tuple[Alternative, ...]) -> list[set[str
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=650, help="seed to begin with (%(default)s)")
+    parser.add_argument("--first", type=int, default=730, help="seed to begin with (%(default)s)")
     parser.add_argument("--seeds", type=int, default=50, help="number of cases (%(default)s)")
     parser.add_argument("--output", type=Path, help="folder for explanations.md")
     arguments = parser.parse_args()
