@@ -259,7 +259,7 @@ def _contains(other: Alternative) -> str:
     verbs = ("does", "is") if len(other.effects) == 1 else ("together do", "are")
     answer = f"{listed(other.instead_of)} {'does' if len(other.instead_of) == 1 else 'do'}"
     behind = number(other.gap, 2)
-    return f"{listed(other.effects)} {verbs[0]} what {answer}, with more parameters, and {verbs[1]} not needed (log evidence {behind} behind)."
+    return f"{listed(other.effects)} {verbs[0]} what {answer}, with more determined parameters, and {verbs[1]} not needed (log evidence {behind} behind)."
 
 
 def ranking_tables(found: Explanation) -> list[Table]:

@@ -67,7 +67,7 @@ class Knowledge:
     installed_angle_rad: float = 0.0
     installed_bow: float = 0.0
     priors: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
-    """Effect -> parameter -> prior standard deviation in SI, instead of the declared one."""
+    """Effect -> parameter -> standard deviation in SI of a normal prior, instead of the declared one."""
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
     limits: Limits = dataclasses.field(default_factory=Limits)

@@ -68,7 +68,7 @@ class Parameter(NamedTuple):
         return unit_of(self.name)
 
     def prior_scale(self, rotor: "AbstractRotor") -> float:
-        """Prior standard deviation in SI: ``scale`` times the rig's quantity ``of``."""
+        """Prior scale in SI (`rotorjax.discovery.prior`): ``scale`` times the rig's quantity ``of``."""
         quantities = rotor.quantities()
         if self.of not in quantities:
             raise ValueError(f"parameter {self.name}: of={self.of!r} is no quantity of the rig; it has {', '.join(quantities)}")
@@ -89,7 +89,7 @@ class Parameter(NamedTuple):
 def parameter(meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = ()) -> Any:
     """Declare a field of an effect as one of its parameters. Zero means that the effect is absent.
 
-    **Arguments:** ``meaning`` in a few words; ``scale`` and ``of``: the prior standard deviation is ``scale``
+    **Arguments:** ``meaning`` in a few words; ``scale`` and ``of``: the prior scale is ``scale``
     times that quantity of the rig (`AbstractRotor.quantities`, "one" for a number in SI); ``axes``: one value per
     probe, order or plane after the first. The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
     """

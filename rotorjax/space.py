@@ -19,7 +19,7 @@ from rotorjax.response import motion_shape
 
 
 class Entry(NamedTuple):
-    """One number of one effect: prior standard deviation in SI, or of ln(1 + value) if logarithmic."""
+    """One number of one effect: scale of its prior (`rotorjax.discovery.prior`) in SI, or of ln(1 + value) if logarithmic."""
 
     effect: str
     label: str
@@ -35,9 +35,14 @@ class Entry(NamedTuple):
         return f"{self.effect}.{self.label}"
 
     @property
+    def parameter(self) -> str:
+        """The label without its axes."""
+        return self.label.split(".", 1)[0]
+
+    @property
     def unit(self) -> Unit:
         """Declared by the parameter's name."""
-        return unit_of(self.label.split(".", 1)[0])
+        return unit_of(self.parameter)
 
 
 class Space(eqx.Module):
@@ -53,8 +58,8 @@ class Space(eqx.Module):
     scale: Float[Array, "param"]
     logarithmic: Bool[Array, "param"]
     unknown: Int[Array, "param"]
-    force: Int[Array, "param"]
-    """Of every unknown: a number for the force that depends on motion that it belongs to, of a size that nobody declared; -1 where there is none."""
+    open_size: Int[Array, "param"]
+    """Of every unknown: a number for what it is a part of, if the size of that is left open (`rotorjax.discovery.prior`); else -1."""
     entries: tuple[Entry, ...] = eqx.field(static=True)
 
     def at(self, unknowns: Float[Array, "param"]) -> Model:
@@ -110,6 +115,14 @@ class Space(eqx.Module):
                 mask[entry.unknown] = True
         return mask
 
+    def strengths(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
+        """Mask of the unknowns that make these effects stronger or weaker: of each the first parameter, and what has its unit."""
+        mask = np.zeros(len(self.entries), dtype=bool)
+        for name in effects:
+            own = [e for e in self.entries if e.effect == name]
+            mask[[e.unknown for e in own if e.unit == own[0].unit]] = True
+        return mask
+
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
         """Mask of the unknowns of these effects that the user did not declare uncertain."""
         mask = np.zeros(len(self.entries), dtype=bool)
@@ -143,20 +156,30 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
                 scale, logarithmic = (own, False) if known is None else (known.deviation, known.logarithmic)
                 entries.append(Entry(effect.name, label, scale, logarithmic, known is not None, unknown))
     declared = np.array([e.declared_uncertain for e in entries], dtype=bool)
-    sized = [e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)]
-    force = np.full(len(entries), -1)
-    for entry in entries:
-        told = entry.declared_uncertain or entry.label in knowledge.priors.get(entry.effect, {})
-        force[entry.unknown] = sized.index(entry.effect) if entry.effect in sized and not told else -1
     return Space(
         model,
         jnp.asarray(np.where(declared, _given(model), 0.0)),
         jnp.asarray(np.array([e.scale for e in entries], dtype=float)),
         jnp.asarray(np.array([e.logarithmic for e in entries], dtype=bool)),
         jnp.asarray(np.array([e.unknown for e in entries], dtype=int)),
-        jnp.asarray(force),
+        jnp.asarray(_open_sizes(model, knowledge, entries)),
         tuple(entries),
     )
+
+
+def _open_sizes(model: Model, knowledge: Knowledge, entries: list[Entry]) -> Int[np.ndarray, "param"]:
+    """As in `Space.open_size`: parameters of an effect with one unit together, for they may be components of one vector.
+
+    A number without a unit, like a coefficient of friction, has a size that is known beforehand, and so has what the user gave a scale.
+    """
+    sized = {e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
+    numbers: dict[tuple[str, str], int] = {}
+    found = np.full(len(entries), -1)
+    for entry in entries:
+        told = entry.declared_uncertain or entry.parameter in knowledge.priors.get(entry.effect, {})
+        if entry.effect in sized and not told and entry.unit.si != "1":
+            found[entry.unknown] = numbers.setdefault((entry.effect, entry.unit.si), len(numbers))
+    return found
 
 
 def with_company(model: Model, names: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Model:

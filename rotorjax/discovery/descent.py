@@ -14,7 +14,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax._core import COARSE, FINE, FIRST_DAMPING, MAX_STEPS, AnyArray, Descent, Quadratic, Tolerance, diagonal, levenberg_marquardt, real_pair
 from rotorjax.discovery.data import LEAST_CASES, Data, filled, half_order_sign, size_class
-from rotorjax.discovery.prior import Prior, prior_at
+from rotorjax.discovery.prior import Prior, prior_at, together
 from rotorjax.harmonic import NEWTON_STEPS
 from rotorjax.model import Conditions, Layout
 from rotorjax.response import motions_of, searched_motions, vectors, vectors_from
@@ -92,7 +92,7 @@ class End(NamedTuple):
     free: Int[np.ndarray, "free"]
     """The unknowns that were free."""
     curvature: Float[np.ndarray, "free free"]
-    """Hessian of the cost by those."""
+    """Hessian of the cost by those; of large sizes that are left open, the prior's weight in the place of its second derivative."""
     prior: Prior
     """The prior there, of the unknowns that were free."""
     local: Local
@@ -120,7 +120,7 @@ class End(NamedTuple):
 
     @property
     def prior_width(self) -> Float[np.ndarray, "param"]:
-        """How wide the prior is there, of all unknowns: one but for those of large forces of a size that is left open."""
+        """How wide the prior is there, of all unknowns: one but for large sizes that are left open."""
         full = np.ones(len(self.point))
         full[self.free] = 1.0 / np.sqrt(np.asarray(self.prior.weight))
         return full
@@ -167,8 +167,7 @@ def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Ca
     """Cost of the free unknowns, with the random unbalance and bow of each run integrated out (covariance σ²I + B Bᵀ per run)."""
     kept, chosen, training = task.kept, task.chosen, task.training
     member = (data.run[:, None] == jnp.arange(data.run_count)[None]).astype(float)
-    same_force = (space.force[:, None] == space.force[None]) & (space.force >= 0)[:, None]
-    alike = jnp.asarray(chosen).T @ same_force.astype(float) @ jnp.asarray(chosen)
+    of_one_size = jnp.asarray(chosen).T @ together(space.open_size) @ jnp.asarray(chosen)
 
     def per_case(array: Array) -> Array:
         return array.reshape(array.shape[0], math.prod(array.shape[1:4]), *array.shape[4:])
@@ -180,7 +179,7 @@ def _quadratic(space: Space, data: Data, task: _Task, newton_steps: Array) -> Ca
 
     def evaluate(unknowns: Array, motions: Array) -> Quadratic:
         slopes, (error, shown, found) = jax.jacfwd(parts, has_aux=True)(unknowns, motions)
-        prior = prior_at(unknowns, alike)
+        prior = prior_at(unknowns, of_one_size)
         local = per_case(error) + task.shift, per_case(slopes), shown, prior
         error, slopes = local[0] * training[:, None], local[1] * training[:, None, None]
         cost = 0.5 * jnp.sum(error**2)

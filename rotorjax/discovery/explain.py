@@ -271,15 +271,15 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
     for step, rms in enumerate(held.rms):
         names = selection.effects[:step]
         effects: Effects = frozenset(names) | (frozenset(selection.small) if step == len(selection.effects) else frozenset())
-        polished = _polished(contest, selection.known, effects, selection.races[step].noise)
+        polished = _polished(contest, selection.known, effects, selection.races[step].noise, last=step == len(selection.effects))
         stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
         fits.append(summarise(stage, polished, rms, held.reason, scatter=scatter))
     return tuple(fits)
 
 
-def _polished(contest: Contest, known: Known, effects: Effects, under: Noise) -> Round:
-    """The best fit of one set, under the noise that it leaves; under that of the table where it holds within that."""
+def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *, last: bool) -> Round:
+    """The best fit of one set, under the noise that it leaves; the ``last`` one under that of the table where it holds within that."""
     own = known[effects]
     noise = Noise(misfit_left(contest, own, under), contest.floor.scatter)
     again = race(contest, noise, [effects], known)[effects]
@@ -292,7 +292,7 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise) ->
         best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=again.best.point, manner=manner))
         return Round(noise.allowance, data, best, starts, noise.allowance)
 
-    if noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:
+    if last and noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:
         quiet = polish(contest.floor)
         if misfit_left(contest, own.led_by(quiet.best), contest.floor) == contest.floor.allowance:
             return quiet

@@ -109,7 +109,7 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
 
     Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p is
-    normal, or, where a force depends on motion, of a size left open: `rotorjax.discovery.prior`), by Levenberg-Marquardt
+    normal, with long tails for the size of a force that depends on motion: `rotorjax.discovery.prior`), by Levenberg-Marquardt
     from every declared start; the best descent wins. Standard errors are the larger of the posterior's and of the
     cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter between runs widens them; with
     fewer than four runs the clusters are single cases, which scatter between runs escapes. σ² is that of the
@@ -332,14 +332,14 @@ def _covariance(best: End, clusters: list[Local]) -> np.ndarray:
 
 def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
     values = space.values(best.point)
-    posterior, widest = np.sqrt(np.diag(np.linalg.inv(best.hessian))), best.prior_width
+    posterior, width = np.sqrt(np.diag(np.linalg.inv(best.hessian))), best.prior_width
     estimates = []
     for entry, value in zip(space.entries, values, strict=True):
         if not free[entry.unknown]:
             continue
         slope = entry.scale * (1.0 + value if entry.logarithmic else 1.0)
-        deviation = min(float(widest[entry.unknown]), float(np.sqrt(covariance[entry.unknown, entry.unknown])))
-        determined = bool(posterior[entry.unknown] < UNDETERMINED * widest[entry.unknown])
+        deviation = min(float(width[entry.unknown]), float(np.sqrt(covariance[entry.unknown, entry.unknown])))
+        determined = bool(posterior[entry.unknown] < UNDETERMINED * width[entry.unknown])
         estimates.append(Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown])))
     return tuple(estimates)
 

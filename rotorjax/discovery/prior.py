@@ -1,13 +1,13 @@
-"""The prior of the unknowns: normal, with long tails for forces that depend on motion."""
+"""The prior of the unknowns: normal, with long tails for the size of forces that depend on motion and of a probe's saturation."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 USUAL = 3.0
-"""Prior scales up to which the size of a force that depends on motion counts as in a normal distribution."""
+"""Prior scales up to which a size that is left open counts as in a normal distribution."""
 
 
 class Prior(NamedTuple):
@@ -19,21 +19,28 @@ class Prior(NamedTuple):
     """Its gradient is the weight times the unknowns; one over the square root of the weight is how wide it is there."""
 
 
-def prior_at(unknowns: Float[Array, "free"], alike: Float[Array, "free free"]) -> Prior:
+def together(open_size: Int[Array, "free"]) -> Float[Array, "free free"]:
+    """1 where two unknowns are parts of the same open size, itself included; rows of zeros for the others. **Arguments:** as in `Space.open_size`."""
+    return ((open_size[:, None] == open_size[None]) & (open_size >= 0)[:, None]).astype(float)
+
+
+def prior_at(unknowns: Float[Array, "free"], parts: Float[Array, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 
-    A standard normal for each; but the size r = |u| of all unknowns of a force that depends on motion has a tail by a power, as
+    A standard normal for each; but the size r = |u| of a force that depends on motion, or of a probe's saturation, has a tail by a power, as
     nobody knows beforehand how strong a cubic spring or a rub is: thirty times the usual must not be excluded by its size alone.
+    Parameters with one unit, like the two components of a crack, have one size.
 
         -ln p(u) = r² / 2 up to r = c, c² / 2 + c² ln(r / c) beyond, c = `USUAL`
 
-    up to a constant that is within a thousandth of the normal's for a single number. The weight is that of iterated least squares,
-    min(1, c² / r²) (Huber 1981, Robust Statistics, section 7.8): as a curvature it bounds the true one from above, and is never negative.
+    up to a constant: within a thousandth of the normal's for a single number, within 3 % up to four (it is a density up to eight). The
+    weight is that of iterated least squares, min(1, c² / r²) (Huber 1981, Robust Statistics, section 7.8): as a curvature it bounds the
+    true one from above, and is never negative.
 
-    **Arguments:** ``unknowns``; ``alike``: 1 where two unknowns belong to the same such force, itself included; rows of zeros for the others.
+    **Arguments:** ``unknowns``; ``parts``: as `together` makes them.
     """
-    count = alike.sum(axis=1)
-    far = jnp.maximum(alike @ unknowns**2 / USUAL**2, 1.0)
+    count = parts.sum(axis=1)
+    far = jnp.maximum(parts @ unknowns**2 / USUAL**2, 1.0)
     tail = 0.5 * USUAL**2 * (1.0 + jnp.log(far)) / jnp.maximum(count, 1.0)
     each = jnp.where(far > 1.0, tail, 0.5 * unknowns**2)
     return Prior(each.sum(), 1.0 / far)

@@ -28,6 +28,8 @@ SIZES = (0.5, 1.0, 2.0, 4.0)
 """Of a force, in what fits best along the measured motion, from which on it is fitted with motions that were searched for."""
 OTHER_SIZES = 2.0 ** (np.array([*range(-8, 0), *range(1, 9)]) / 4.0)
 """Of a force, in what its descent ended at: a resonance between two sizes bars a descent's way, and is narrower than half of them."""
+MOST_RESIZED = 4
+"""Forces of which other sizes are tried."""
 MOST_LEFT = 0.3
 """Of what is left without a force, the part that it leaves at most for other sizes of it to be tried."""
 KINDRED_ROUNDS = 3
@@ -61,7 +63,7 @@ class Contender(NamedTuple):
         return self.ends[0]
 
     def led_by(self, end: End) -> "Contender":
-        """The same with another end in the place of the best."""
+        """The same, its evidence too, with another end in the place of the best."""
         return self._replace(ends=(end, *self.ends[1:]))
 
 
@@ -190,15 +192,19 @@ Known = dict[Effects, Contender]
 """Contenders fitted before: where to start, and what need not be fitted again."""
 
 
-def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, manner: Manner = QUICK) -> Known:
+def race(
+    contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, manner: Manner = QUICK, reference: Float[np.ndarray, "param"] | None = None
+) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
-    Those without forces that depend on motion first: the others have to come near them.
+    Those without forces that depend on motion first: the others have to come near them. **Arguments:** ``reference``: where the influence of
+    what scatters between runs is taken; by default at the most probable that is known.
     """
     wanted = list(dict.fromkeys(hypotheses))
     if not wanted:
         return {}
-    reference = min(known.values(), key=lambda c: -c.log_evidence).best.point if known else contest.space.given_unknowns()
+    if reference is None:
+        reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
     data = contest.data(noise, reference)
     timed = contest.timed
     found: dict[Effects, list[End]] = {}
@@ -341,7 +347,7 @@ def _sought(contest: Contest, noise: Noise, wanted: list[Effects], found: Known)
     data, starts = contest.data(noise, found[leader].best.point), []
     for effects in sorted(lost, key=lambda effects: -contest.log_posterior(found[effects]))[:MOST_LOST]:
         point = found[effects].best.point
-        strengths = [next(e.unknown for e in contest.space.entries if e.effect == name) for name in effects & contest.timed]
+        strengths = contest.space.strengths(effects & contest.timed)
         for size in SIZES if np.any(point[strengths]) else ():
             sized = point.copy()
             sized[strengths] *= size
@@ -361,14 +367,13 @@ def _resized(contest: Contest, noise: Noise, wanted: list[Effects], found: Known
     for effects in sorted(wanted, key=lambda effects: -contest.log_posterior(found[effects])):
         force, end = effects & contest.timed, found[effects].best
         without = found.get(effects - force)
-        if len(force) != 1 or force & tried or not end.exact or without is None or len(tried) >= MOST_LOST:
+        if len(force) != 1 or force & tried or not end.exact or without is None or len(tried) == MOST_RESIZED:
             continue
         tried |= force
         missed = m.rms_of(end.shown)
         if missed > MOST_LEFT * m.rms_of(without.best.shown):
             continue
-        strength = next(e.unknown for e in space.entries if e.effect in force)
-        points = np.stack([np.where(np.arange(len(end.point)) == strength, end.point * size, end.point) for size in OTHER_SIZES])
+        points = np.stack([np.where(space.strengths(force), end.point * size, end.point) for size in OTHER_SIZES])
         shown = np.concatenate([predict(space, m.conditions, some) for some in np.split(points, range(LEAST_POINTS, len(points), LEAST_POINTS))])
         misses = np.array([m.rms_of(one) for one in shown])
         if np.nanmin(misses, initial=math.inf) < missed:

@@ -14,6 +14,7 @@ from rotorjax._core import numpy_pair
 from rotorjax.discovery.data import half_order_sign
 from rotorjax.discovery.descent import HOPELESS, TIMED_HOPELESS, End
 from rotorjax.discovery.noise import Noise
+from rotorjax.discovery.prior import prior_at, together
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
@@ -49,7 +50,7 @@ class Ties(NamedTuple):
 
     tied: tuple[Alternative, ...]
     contains: tuple[Alternative, ...]
-    """Sets that hold what the answer holds, and more that is not needed."""
+    """Sets that do what the answer does with more determined parameters, which are not needed."""
     winner: Contender
 
     def groups(self) -> list[list[list[str]]]:
@@ -78,13 +79,13 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     every = list(itertools.chain(*swaps.values()))
-    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(selection.known[h], winner), winner)]
+    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], winner), winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
     found.update(_each_alone(contest, noise, winner, every, found))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
-    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(c, winner) < NEAR]
+    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
     leads = _leads_elsewhere(contest, noise, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
@@ -100,7 +101,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
 
 
 def _each_alone(contest: Contest, noise: Noise, winner: Contender, every: list[Effects], found: Known) -> Known:
-    """Sets with one force that depends on motion for another, fitted once more from every start of theirs and each by itself; those that gain.
+    """Sets far behind, with one force that depends on motion for another, fitted once more from every start of theirs and each by itself; those that gain.
 
     In the race many such sets are judged by their force along the measured motion, and one that follows what leads has lost its way to
     another motion: as a rival of the answer each has a descent of its own.
@@ -109,7 +110,7 @@ def _each_alone(contest: Contest, noise: Noise, winner: Contender, every: list[E
     for effects in every:
         exchanged = effects ^ winner.effects
         if exchanged <= contest.timed and found[effects].log_evidence < winner.log_evidence - NEAR:
-            alone = race(contest, noise, [effects], {})[effects]
+            alone = race(contest, noise, [effects], {}, reference=winner.best.point)[effects]
             gained |= {effects: alone} if alone.log_evidence > found[effects].log_evidence else {}
     return gained
 
@@ -175,9 +176,14 @@ def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: 
     return leads
 
 
-def _at_best(other: Contender, winner: Contender) -> float:
-    """Log evidence, with the most that wider prior scales could give back of what large values cost it and not the winner."""
-    return other.log_evidence + max(0.0, (1.0 - SCALES[-1] ** -2.0) * float(other.best.prior.cost - winner.best.prior.cost))
+def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
+    """Log evidence, with what wider prior scales would give back of what large values cost it and not the winner."""
+
+    def given_back(end: End) -> float:
+        unknowns, parts = jnp.asarray(end.point[end.free]), together(contest.space.open_size[end.free])
+        return float(prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost)
+
+    return other.log_evidence + max(0.0, given_back(other.best) - given_back(winner.best))
 
 
 def _rescaled(contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]) -> tuple[Contest, Known]:

@@ -42,6 +42,11 @@ def pull_objection(stiffness: Array) -> str | None:
     return "has a negative stiffness: a stop that pulls" if float(stiffness) < 0.0 else None
 
 
+def drive_objection(friction: Array) -> str | None:
+    """What speaks against a coefficient or a force of friction."""
+    return "has a negative friction: one that drives" if float(friction) < 0.0 else None
+
+
 def stop_remark(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
     """Whether the rotor at rest lies in a stop."""
     sag = float(rotor.mass * jnp.hypot(rotor.gravity[0], rotor.gravity[1]) / jnp.mean(rotor.stiffness))
@@ -120,7 +125,7 @@ class Rub(RestoringEffect):
         return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * jnp.stack([x - drag * y, y + drag * x])
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        return pull_objection(self.stiffness_n_per_m)
+        return pull_objection(self.stiffness_n_per_m) or drive_objection(self.friction)
 
     def remark(self, rotor: AbstractRotor) -> str | None:
         return stop_remark(rotor, self.stiffness_n_per_m, self.inverse_gap_per_m)
@@ -202,6 +207,9 @@ class CoulombFriction(RestoringEffect):
 
     def force(self, instant: Instant) -> Array:
         return self.force_n * instant.velocity / length(instant.velocity, STICTION_SPEED)
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return drive_objection(self.force_n)
 
 
 class ProbeSaturation(WaveformEffect):

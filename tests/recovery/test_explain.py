@@ -247,7 +247,9 @@ def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
     assert drawn.effects == ("phase_reference_offset", "probe_gain")
     found = explain(drawn.model, drawn.measurement, thorough=False)
     assert (found.verdict, found.effects) == ("explained", ("chain_gain",))
-    assert "phase_reference_offset and probe_gain together do what chain_gain does, with more parameters, and are not needed" in explanation_text(found)
+    assert "phase_reference_offset and probe_gain together do what chain_gain does, with more determined parameters, and are not needed" in explanation_text(
+        found
+    )
 
 
 def test_limit_on_the_number_of_effects_is_kept_and_named():

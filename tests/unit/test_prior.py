@@ -1,15 +1,19 @@
 """The prior of forces whose size is left open: a density, without a preferred direction."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal
 
 from rotorjax import Jeffcott, Model, effects
 from rotorjax.discovery.prior import prior_at
 from rotorjax.measurement import Knowledge
+from rotorjax.model import parameter
 from rotorjax.space import make_space
 
 NORMAL_PEAK = 0.3989422804014327
@@ -37,8 +41,8 @@ def test_size_costs_its_logarithm():
 
 def test_others_stay_normal():
     unknowns = jnp.asarray([0.3, -2.0, 40.0])
-    alike = jnp.zeros((3, 3)).at[2, 2].set(1.0)
-    both = prior_at(unknowns, alike)
+    parts = jnp.zeros((3, 3)).at[2, 2].set(1.0)
+    both = prior_at(unknowns, parts)
     alone = prior_at(unknowns[2:], jnp.ones((1, 1)))
     peak = multivariate_normal.logpdf(np.zeros(2), np.zeros(2))
     assert float(both.cost - alone.cost) == pytest.approx(peak - multivariate_normal.logpdf(np.asarray(unknowns[:2]), np.zeros(2)))
@@ -47,19 +51,39 @@ def test_others_stay_normal():
 
 @pytest.mark.parametrize("size", [0.0, 0.5, 30.0, 1e4])
 def test_weight_is_gradient_and_bounds_curvature(size: float):
-    unknowns, alike = jnp.asarray([0.6, 0.8]) * size, jnp.ones((2, 2))
-    weight = prior_at(unknowns, alike).weight
-    np.testing.assert_allclose(jax.grad(lambda u: prior_at(u, alike).cost)(unknowns), weight * unknowns, atol=1e-12)
-    curvature = jax.hessian(lambda u: prior_at(u, alike).cost)(unknowns)
+    unknowns, parts = jnp.asarray([0.6, 0.8]) * size, jnp.ones((2, 2))
+    weight = prior_at(unknowns, parts).weight
+    np.testing.assert_allclose(jax.grad(lambda u: prior_at(u, parts).cost)(unknowns), weight * unknowns, atol=1e-12)
+    curvature = jax.hessian(lambda u: prior_at(u, parts).cost)(unknowns)
     assert float(np.linalg.eigvalsh(np.diag(np.asarray(weight)) - np.asarray(curvature)).min()) > -1e-12
-    assert float(prior_at(jnp.asarray([0.0, 1.0]) * size, alike).cost) == pytest.approx(float(prior_at(unknowns, alike).cost))
+    assert float(prior_at(jnp.asarray([0.0, 1.0]) * size, parts).cost) == pytest.approx(float(prior_at(unknowns, parts).cost))
 
 
-def test_size_is_left_open_unless_the_user_tells_it():
-    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.Duffing() + effects.Crack() + effects.ResidualBow()
+def test_sizes_are_left_open_unless_told():
+    """Of forces that depend on motion: their strength and their gap, not a coefficient of friction, and not what the user gave a scale."""
+    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.Duffing() + effects.Crack() + effects.Rub() + effects.ResidualBow()
     own = make_space(model, Knowledge())
-    forces = {e.effect: int(own.force[e.unknown]) for e in own.entries}
-    assert forces["residual_bow"] == -1
-    assert len({forces["duffing"], forces["crack"], -1}) == 3
+    numbers = {e.key: int(own.open_size[e.unknown]) for e in own.entries}
+    assert numbers["crack.loss_x_n_per_m"] == numbers["crack.loss_y_n_per_m"]
+    sizes = [numbers[key] for key in ("duffing.cubic_n_per_m3", "crack.loss_x_n_per_m", "rub.stiffness_n_per_m", "rub.inverse_gap_per_m")]
+    assert sorted(sizes) == [0, 1, 2, 3]
+    assert {key for key, number in numbers.items() if number < 0} == {"rub.friction", *(key for key in numbers if key.startswith("residual_bow"))}
     told = make_space(model, Knowledge(priors={"duffing": {"cubic_n_per_m3": 1e12}}))
-    assert {e.effect for e in told.entries if int(told.force[e.unknown]) >= 0} == {"crack"}
+    assert "duffing" not in {e.effect for e in told.entries if int(told.open_size[e.unknown]) >= 0}
+
+
+def test_a_scale_given_by_the_user_holds_for_every_axis():
+    class OwnRange(effects.ProbeSaturation):
+        name: ClassVar[str] = "own_range"
+        bend_per_m: Array = parameter("bend of each probe", scale=0.1, of="curvature", axes=("probe",))
+
+    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + OwnRange()
+    assert np.all(np.asarray(make_space(model, Knowledge()).open_size) >= 0)
+    told = make_space(model, Knowledge(priors={"own_range": {"bend_per_m": 100.0}}))
+    assert {e.parameter for e in told.entries if int(told.open_size[e.unknown]) < 0} == {"bend_per_m"}
+
+
+def test_strength_is_the_first_parameter_and_its_companions():
+    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.Crack() + effects.Rub()
+    space = make_space(model, Knowledge())
+    assert [e.label for e in space.entries if space.strengths(["crack", "rub"])[e.unknown]] == ["loss_x_n_per_m", "loss_y_n_per_m", "stiffness_n_per_m"]
