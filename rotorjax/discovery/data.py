@@ -103,7 +103,7 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
     options = []
     for effect in space.model.effects:
         if effect.name in names:
-            entries = {e.label.split(".")[0]: e for e in space.entries if e.effect == effect.name}
+            entries = {e.parameter: e for e in space.entries if e.effect == effect.name}
             unit = {name: 1.0 / (reach * entries[name].scale) for name in type(effect).over_amplitude}
             options.append([{entries[name].unknown: value * unit.get(name, 1.0) for name, value in start.items()} for start in type(effect).starts])
     first = [chosen[0] for chosen in options]

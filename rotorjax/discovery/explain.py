@@ -270,8 +270,9 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
     fits = []
     for step, rms in enumerate(held.rms):
         names = selection.effects[:step]
-        effects: Effects = frozenset(names) | (frozenset(selection.small) if step == len(selection.effects) else frozenset())
-        polished = _polished(contest, selection.known, effects, selection.races[step].noise, last=step == len(selection.effects))
+        last = step == len(selection.effects)
+        effects: Effects = frozenset(names) | (frozenset(selection.small) if last else frozenset())
+        polished = _polished(contest, selection.known, effects, selection.races[step].noise, last=last)
         stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
         fits.append(summarise(stage, polished, rms, held.reason, scatter=scatter))
