@@ -209,9 +209,8 @@ def notes(found: Explanation) -> list[str]:
     if found.next_measurement is not None:
         n = found.next_measurement
         one, other = (listed(names) for names in n.separates)
-        lines.append(
-            f"Measure next: {n.run} at {n.speed_rpm:.0f} rpm; there {one} and {other} differ by {number(n.standardised_difference, 2)} standard errors."
-        )
+        where = f"{n.run} at {n.speed_rpm:.0f} rpm" + (f", with {listed(n.new_probes)}, not read so far" if n.new_probes else "")
+        lines.append(f"Measure next: {where}; there {one} and {other} differ by {number(n.standardised_difference, 2)} standard errors.")
     elif found.ties.tied:
         advice = ""
         names = {name for group in found.ties.groups() for names in group for name in names}
@@ -349,6 +348,7 @@ def explanation_json(found: Explanation) -> dict[str, Any]:
         else {
             "run": n.run,
             "speed_rpm": n.speed_rpm,
+            "new_probes": list(n.new_probes),
             "separates": [" + ".join(names) for names in n.separates],
             "standardised_difference": n.standardised_difference,
         },

@@ -38,9 +38,21 @@ def main(arguments: list[str] | None = None) -> int:
         print("rotorjax: stopped", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of a pipe has seen enough; Python would complain once more when it closes standard output.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_output()
     return 0
+
+
+def _say(text: str) -> None:
+    """Print; that the reader of a pipe has seen enough does not cost the files asked for."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        _leave_output()
+
+
+def _leave_output() -> None:
+    """Nobody reads standard output any more; Python would complain once more when it closes it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -166,7 +178,7 @@ def _compare(options: argparse.Namespace) -> None:
     if already := [effect.name for effect in additions if effect.name in declared]:
         raise InputError(f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; leave it out")
     story = tell(rig.model, measurement, additions, fixed=fixed)
-    print(comparison_text(story))
+    _say(comparison_text(story))
     _write_outputs(options, rig, story.final_model, comparison_json(story), story, f"{options.data.name} against {options.rig.name}")
 
 
@@ -212,7 +224,7 @@ def _explain(options: argparse.Namespace) -> None:
         raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
     with progress_line() as progress:
         found = explain(rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress)
-    print(explanation_text(found))
+    _say(explanation_text(found))
     _write_outputs(options, rig, found.model, explanation_json(found), found, f"{options.data.name}: what {options.rig.name} lacks")
 
 
@@ -311,7 +323,7 @@ def _diagnose(options: argparse.Namespace) -> None:
         diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
     except ValueError as error:
         raise InputError(f"{options.data}: {error}") from error
-    print(measurement_line(measurement), diagnosis_table(diagnosis, rig.convention).text(), sep="\n\n")
+    _say(f"{measurement_line(measurement)}\n\n{diagnosis_table(diagnosis, rig.convention).text()}")
     if options.json:
         _write_json(options.json, diagnosis_json(diagnosis, rig.convention))
 

@@ -92,6 +92,11 @@ class Measurement:
     noise: Literal["given", "repeats", "unknown"] = "unknown"
     knowledge: Knowledge = Knowledge()
 
+    @property
+    def read(self) -> Bool[np.ndarray, "probe"]:
+        """Whether a probe has any reading."""
+        return self.present.any(axis=(0, 2))
+
     def __repr__(self) -> str:
         orders = ", ".join(f"{order:g}X" for order in self.orders)
         size = f"{int(self.present.sum())} vectors of {self.rms / MICROMETRE:.3g} µm rms"

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, RPM, numpy_pair
 from rotorjax.discovery.descent import End, predict
@@ -33,13 +33,16 @@ class Proposal(NamedTuple):
     speed_rpm: float
     separates: tuple[tuple[str, ...], tuple[str, ...]]
     standardised_difference: float
+    new_probes: tuple[str, ...] = ()
+    """Probes of the rig without a reading so far, if it takes them to tell."""
 
 
 def next_measurement(contest: Contest, noise: Noise, first: End, second: End, names: tuple[tuple[str, ...], tuple[str, ...]]) -> Proposal | None:
     """The run and speed at which two fitted explanations differ most.
 
     The difference counts in standard errors of noise and of what the parameters of both leave open. Near a resonance of
-    either nothing is proposed: there the model's own error rules. None if no reading within the limits would tell.
+    either nothing is proposed: there the model's own error rules. Probes that were never read count only where the
+    others would not tell. None if no reading within the limits would tell.
     """
     runs = _runs(contest)
     peaks = np.concatenate([resonances_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,))) for end in (first, second)])
@@ -53,12 +56,7 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     known = np.all([np.isfinite(z).all(axis=(1, 2)) & np.isfinite(s).all(axis=(1, 2)) for z, s in zip(shown, spread, strict=True)], axis=0)
     shown, spread = [np.where(known[:, None, None], z, 0.0) for z in shown], [np.where(known[:, None, None], s, 0.0) for s in spread]
     weight = contest.measurement.weights(noise.allowance)
-    sigma = 1.0 / np.median(weight[weight > 0.0])
-    # Half orders have no sign that a reading could be held against.
-    whole = np.array([not is_half_order(n) for n in contest.measurement.orders])
-    gap = numpy_pair((shown[0] - shown[1]) * whole).reshape(len(unbalance), -1)
-    covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s @ np.swapaxes(s, 1, 2) for s in spread)
-    size = np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))
+    sigma = float(1.0 / np.median(weight[weight > 0.0]))
     speed = np.tile(speeds, len(runs))
     allowed = np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1) if len(peaks) else np.ones(len(speed), bool)
     largest = max(float(np.abs(contest.measurement.vectors).max()), MICROMETRE) * 3.0
@@ -67,10 +65,24 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     allowed &= known & np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
     if not allowed.any():
         return None
-    best = int(np.argmax(np.where(allowed, size, -1.0)))
-    if size[best] < TELLING:
-        return None
-    return Proposal(list(runs)[best // SPEEDS], float(speed[best]), names, float(size[best]))
+    probes, read = contest.measurement.probes, contest.measurement.read
+    for count in (read, np.ones(len(read), bool)):
+        size = np.where(allowed, _apart(contest, shown, spread, sigma, count), -1.0)
+        best = int(np.argmax(size))
+        if size[best] >= TELLING:
+            new = tuple(name for name, counts, before in zip(probes, count, read, strict=True) if counts and not before)
+            return Proposal(list(runs)[best // SPEEDS], float(speed[best]), names, float(size[best]), new)
+    return None
+
+
+def _apart(contest: Contest, shown: list[np.ndarray], spread: list[np.ndarray], sigma: float, probes: Bool[np.ndarray, "probe"]) -> Float[np.ndarray, "case"]:
+    """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave open."""
+    # Half orders have no sign that a reading could be held against.
+    whole = np.array([not is_half_order(n) for n in contest.measurement.orders])
+    cells = np.repeat((probes[:, None] & whole).ravel(), 2)
+    gap = numpy_pair(shown[0] - shown[1]).reshape(len(shown[0]), -1)[:, cells]
+    covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s[:, cells] @ np.swapaxes(s[:, cells], 1, 2) for s in spread)
+    return np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))
 
 
 def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:

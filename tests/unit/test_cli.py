@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -54,6 +56,18 @@ def test_written_model_is_taken_by_compare(example, told, capsys):
     again = json.loads((example / "again.json").read_text())
     assert again["rms_um"] == pytest.approx(told["rms_um"], rel=1e-6)
     assert "within the noise" in capsys.readouterr().out
+
+
+def test_a_reader_that_has_seen_enough_does_not_cost_the_files(example, tmp_path):
+    """`rotorjax compare ... --json FILE | head -1`."""
+    command = [sys.executable, "-m", "rotorjax.cli", "compare", example / "measurement.csv", "--rig", example / "rig.toml", "--json", tmp_path / "c.json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as called:
+        assert called.stdout is not None
+        assert called.stderr is not None
+        called.stdout.close()
+        assert called.stderr.read() == ""
+        assert called.wait() == 0
+    assert json.loads((tmp_path / "c.json").read_text())["rms_um"] > 0.0
 
 
 def test_report_is_one_file_without_network(example, told):
