@@ -95,7 +95,7 @@ class Measurement:
     @property
     def read(self) -> Bool[np.ndarray, "probe"]:
         """Whether a probe has any reading."""
-        return self.present.any(axis=(0, 2))
+        return np.asarray(self.present.any(axis=(0, 2)))
 
     def __repr__(self) -> str:
         orders = ", ".join(f"{order:g}X" for order in self.orders)
