@@ -93,9 +93,9 @@ class Measurement:
     knowledge: Knowledge = Knowledge()
 
     @property
-    def read(self) -> Bool[np.ndarray, "probe"]:
-        """Whether a probe has any reading."""
-        return np.asarray(self.present.any(axis=(0, 2)))
+    def probes_read(self) -> tuple[str, ...]:
+        """Probes with a reading, in the order of the rig file."""
+        return tuple(probe for k, probe in enumerate(self.probes) if self.present[:, k].any())
 
     def __repr__(self) -> str:
         orders = ", ".join(f"{order:g}X" for order in self.orders)

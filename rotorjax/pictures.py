@@ -51,10 +51,10 @@ def _missing_force(named: NamedForce) -> Figure:
 
 
 def headline_figure(story: Story) -> Figure:
-    """The story in one picture: every vector of the last probe before and after, and the fall of the error between."""
+    """The story in one picture: every vector of the last probe read before and after, and the fall of the error between."""
     m = story.measurement
     drawn, (before, fall, after) = plots.figure(15.0, 4.4, 1, 3)
-    probe, order = m.probes[-1], m.orders[0]
+    probe, order = m.probes_read[-1], m.orders[0]
     plots.polar(before, story.declared, probe=probe, order=order).set_title("as declared")
     _draw_fall(fall, story, short=True)
     plots.polar(after, story.last, probe=probe, order=order).set_title("with what was added")
@@ -99,10 +99,11 @@ def _bode(story: Story) -> Figure:
         conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
         curves[run] = np.asarray(response(model, conditions))
     order = 1.0 if 1.0 in m.orders else m.orders[0]
-    drawn, axes = plots.figure(4.6 * len(m.probes), 5.4, 2, len(m.probes))
-    for k, probe in enumerate(m.probes):
-        amplitude, phase = axes[k], axes[len(m.probes) + k]
-        lines = {run: curve[:, k, m.orders.index(order)] for run, curve in curves.items()}
+    count = len(m.probes_read)
+    drawn, axes = plots.figure(4.6 * max(count, 2), 5.4, 2, count)
+    for k, probe in enumerate(m.probes_read):
+        amplitude, phase = axes[k], axes[count + k]
+        lines = {run: curve[:, m.probes.index(probe), m.orders.index(order)] for run, curve in curves.items()}
         plots.bode(amplitude, phase, view, runs, probe=probe, order=order, speeds_rpm=speeds, curves=lines)
     handles, labels = axes[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper center", ncols=len(runs), fontsize=8)
@@ -112,8 +113,9 @@ def _bode(story: Story) -> Figure:
 def _polar(story: Story) -> Figure:
     m = story.measurement
     order = 1.0 if 1.0 in m.orders else m.orders[0]
-    drawn, axes = plots.figure(4.6 * len(m.probes), 4.6, 1, len(m.probes))
-    for each, probe in zip(axes, m.probes, strict=True):
+    count = len(m.probes_read)
+    drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
+    for each, probe in zip(axes, m.probes_read, strict=True):
         plots.polar(each, story.last, probe=probe, order=order)
     axes[0].legend(fontsize=8)
     return drawn

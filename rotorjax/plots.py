@@ -89,7 +89,7 @@ def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float]
     """|residual| [µm] as a map: runs down, speed and probe across; grey where nothing was measured."""
     m = view.measurement
     cluster, speeds = m.speed_cluster()
-    columns = [(s, k, n) for n in range(len(m.orders)) for s in range(len(speeds)) for k in range(len(m.probes))]
+    columns = [(s, k, n) for n in range(len(m.orders)) for s in range(len(speeds)) for k, probe in enumerate(m.probes) if probe in m.probes_read]
     grid = np.full((len(m.runs), len(columns)), np.nan)
     for j, (s, k, n) in enumerate(columns):
         for run in range(len(m.runs)):

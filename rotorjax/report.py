@@ -38,7 +38,7 @@ def measurement_line(m: Measurement) -> str:
         source = "from repeats" if m.noise == "repeats" else "given"
         noise = f"standard error {number(float(np.median(m.sigma[m.present])) / MICROMETRE)} µm ({source})"
     runs = "1 run" if len(m.runs) == 1 else f"{len(m.runs)} runs"
-    probes = ", ".join(name if read else f"{name} (not read)" for name, read in zip(m.probes, m.read, strict=True))
+    probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
     return f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} µm rms, {noise}"
 
 

@@ -75,7 +75,7 @@ class Comparison:
         return [self._cell(*(int(i) for i in cells[k])) for k in order]
 
     def share(self) -> dict[str, dict[str, float]]:
-        """Share of the squared misfit by run, speed cluster, probe and order; each adds up to one.
+        """Share of the squared misfit by run, speed cluster, probe that was read, and order; each adds up to one.
 
         Squares count in standard errors, in micrometres where the noise is unknown.
         """
@@ -88,7 +88,7 @@ class Comparison:
         return {
             "run": {run: float(by_case[m.run == k].sum()) for k, run in enumerate(m.runs)},
             "speed": {f"{speed:.0f}": float(by_case[cluster == k].sum()) for k, speed in enumerate(speeds)},
-            "probe": {probe: float(squares[:, k].sum()) for k, probe in enumerate(m.probes)},
+            "probe": {probe: float(squares[:, m.probes.index(probe)].sum()) for probe in m.probes_read},
             "order": {f"{order:g}": float(squares[:, :, k].sum()) for k, order in enumerate(m.orders)},
         }
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, RPM, numpy_pair
 from rotorjax.discovery.descent import End, predict
@@ -65,21 +65,20 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     allowed &= known & np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
     if not allowed.any():
         return None
-    probes, read = contest.measurement.probes, contest.measurement.read
-    for count in (read, np.ones(len(read), bool)):
-        size = np.where(allowed, _apart(contest, shown, spread, sigma, count), -1.0)
+    read = contest.measurement.probes_read
+    new = tuple(probe for probe in contest.measurement.probes if probe not in read)
+    for further in [(), new] if new else [()]:
+        size = np.where(allowed, _apart(contest, shown, spread, sigma, read + further), -1.0)
         best = int(np.argmax(size))
         if size[best] >= TELLING:
-            new = tuple(name for name, counts, before in zip(probes, count, read, strict=True) if counts and not before)
-            return Proposal(list(runs)[best // SPEEDS], float(speed[best]), names, float(size[best]), new)
+            return Proposal(list(runs)[best // SPEEDS], float(speed[best]), names, float(size[best]), further)
     return None
 
 
-def _apart(contest: Contest, shown: list[np.ndarray], spread: list[np.ndarray], sigma: float, probes: Bool[np.ndarray, "probe"]) -> Float[np.ndarray, "case"]:
+def _apart(contest: Contest, shown: list[np.ndarray], spread: list[np.ndarray], sigma: float, probes: tuple[str, ...]) -> Float[np.ndarray, "case"]:
     """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave open."""
     # Half orders have no sign that a reading could be held against.
-    whole = np.array([not is_half_order(n) for n in contest.measurement.orders])
-    cells = np.repeat((probes[:, None] & whole).ravel(), 2)
+    cells = np.repeat([probe in probes and not is_half_order(n) for probe in contest.measurement.probes for n in contest.measurement.orders], 2)
     gap = numpy_pair(shown[0] - shown[1]).reshape(len(shown[0]), -1)[:, cells]
     covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s[:, cells] @ np.swapaxes(s[:, cells], 1, 2) for s in spread)
     return np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))

@@ -278,14 +278,15 @@ def test_a_tie_without_the_first_order():
 def test_a_probe_that_was_never_read_is_named_where_it_takes_it_to_tell():
     """Along x alone a thermal bow is an unbalance; with unequal stiffness y tells them apart, at no other reading of x."""
     model, measurement, _ = hidden.sufficient(effects.ResidualUnbalance, seed=4)
-    x_only = measurement.present & np.array([True, False])[:, None]
-    assert x_only.any(axis=(0, 2)).tolist() == [True, False]
-    found = explain(model, dataclasses.replace(measurement, present=x_only), only=("residual_unbalance", "thermal_bow"), thorough=False)
+    x_only = dataclasses.replace(measurement, present=measurement.present & np.array([True, False])[:, None])
+    assert x_only.probes_read == ("X",)
+    found = explain(model, x_only, only=("residual_unbalance", "thermal_bow"), thorough=False)
     assert found.ties.groups() == [[["residual_unbalance"], ["thermal_bow"]]]
     assert found.next_measurement is not None
     assert found.next_measurement.new_probes == ("Y",)
     assert any("with Y, not read so far" in line for line in notes(found))
     assert "X, Y (not read)" in explanation_text(found)
+    assert found.story.last.share()["probe"] == {"X": pytest.approx(1.0)}
 
 
 def test_a_declared_uncertain_value_is_estimated_along_and_leaves_the_race():
