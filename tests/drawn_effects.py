@@ -24,6 +24,27 @@ HANDICAPS = ("none", "none", "one probe", "one run", "noise unknown", "uncertain
 ORDERS = ((1.0,), (1.0, 2.0), (1.0, 2.0, 3.0), (0.0, 1.0, 2.0, 3.0))
 WEIGHED = ("crack", "asymmetric_shaft")
 """Told by what the weight makes of them."""
+STOP = ("stiffness_n_per_m", "inverse_gap_per_m")
+LABELS = {
+    "duffing": ("cubic_n_per_m3",),
+    "clearance": STOP,
+    "rub": (*STOP, "friction"),
+    "crack": ("loss_x_n_per_m", "loss_y_n_per_m"),
+    "asymmetric_shaft": ("difference_x_n_per_m", "difference_y_n_per_m"),
+    "quadratic_damping": ("damping_n_s2_per_m2",),
+    "coulomb_friction": ("force_n",),
+    "cross_coupling": ("cross_stiffness_n_per_m",),
+    "stiffness_error": ("error_x", "error_y"),
+    "mass_error": ("error",),
+    "damping_error": ("log_ratio_x", "log_ratio_y"),
+    "residual_unbalance": ("unbalance_x_kg_m", "unbalance_y_kg_m"),
+    "residual_bow": ("bow_x_m", "bow_y_m"),
+    "probe_gain": ("gain.X", "gain.Y"),
+    "phase_reference_offset": ("angle_rad",),
+    "time_delay": ("delay_s",),
+    "probe_angle": ("angle_rad.X", "angle_rad.Y"),
+}
+"""What the catalogue calls the values of an effect, in their order here; a complex one is two."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +56,10 @@ class Hidden:
     model: Model
     measurement: Measurement
     weight: bool
+    truth: dict[str, dict[str, float]]
+    """Effect -> label -> value in SI: what is hidden, and the mass where it is declared uncertain."""
+    sigma: float
+    """Standard error of real and imaginary part, whether the measurement says it or not [m]."""
 
     @property
     def words(self) -> str:
@@ -62,6 +87,8 @@ class _Rotor:
     gains: tuple[float, float] = (1.0, 1.0)
     offset: float = 0.0
     delay: float = 0.0
+    sizes: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
+    """Effect -> label -> value in SI, of the forces added."""
 
     @property
     def push(self) -> float:
@@ -81,14 +108,14 @@ class _Rotor:
         gap, stop = rng.uniform(0.5, 0.85) * reach, rng.uniform(0.1, 0.6) * stiffness
         actions: dict[str, Callable[[], object]] = {
             "nothing": lambda: None,
-            "duffing": lambda: self._add(in_time.duffing(self.push / a**3 * (-0.4 if rng.random() < 0.3 else 1.0))),
-            "clearance": lambda: self._add(in_time.clearance(stop, gap)),
-            "rub": lambda: self._add(in_time.rub(stop, gap, rng.uniform(0.05, 0.25), 1)),
-            "crack": lambda: self._add(in_time.crack(self.turned(rng.uniform(0.03, 0.1) * stiffness), 1, self.gravity)),
-            "asymmetric_shaft": lambda: self._add(in_time.asymmetric_shaft(self.turned(rng.uniform(0.01, 0.04) * stiffness), 1)),
-            "quadratic_damping": lambda: self._add(in_time.quadratic_damping(self.push / (self.machine.frequency * a) ** 2)),
-            "coulomb_friction": lambda: self._add(in_time.coulomb_friction(0.5 * self.push)),
-            "cross_coupling": lambda: self._add(_cross(self.part(0.2, 0.6) * 2 * float(np.mean(self.machine.ratio)) * stiffness)),
+            "duffing": lambda: self._add("duffing", self.push / a**3 * (-0.4 if rng.random() < 0.3 else 1.0)),
+            "clearance": lambda: self._add("clearance", stop, gap),
+            "rub": lambda: self._add("rub", stop, gap, rng.uniform(0.05, 0.25)),
+            "crack": lambda: self._add("crack", self.turned(rng.uniform(0.03, 0.1) * stiffness)),
+            "asymmetric_shaft": lambda: self._add("asymmetric_shaft", self.turned(rng.uniform(0.01, 0.04) * stiffness)),
+            "quadratic_damping": lambda: self._add("quadratic_damping", self.push / (self.machine.frequency * a) ** 2),
+            "coulomb_friction": lambda: self._add("coulomb_friction", 0.5 * self.push),
+            "cross_coupling": lambda: self._add("cross_coupling", self.part(0.2, 0.6) * 2 * np.mean(self.machine.ratio) * stiffness),
             "stiffness_error": lambda: self._set(stiffness=tuple(k * (1 + self.part(0.02, 0.06)) for k in self.machine.stiffness)),
             "mass_error": lambda: self._set(mass=self.machine.mass * (1 + self.part(0.02, 0.06))),
             "damping_error": lambda: self._set(ratio=tuple(z * np.exp(self.part(0.2, 0.6)) for z in self.machine.ratio)),
@@ -101,8 +128,32 @@ class _Rotor:
         }
         actions[name]()
 
-    def _add(self, force: in_time.Force) -> None:
-        self.forces = (*self.forces, force)
+    def _add(self, name: str, *values: complex) -> None:
+        """A force of these values, which are kept as the catalogue has them."""
+        beside = {"rub": (1,), "crack": (1, self.gravity), "asymmetric_shaft": (1,)}.get(name, ())
+        make = _cross if name == "cross_coupling" else getattr(in_time, name)
+        self.forces = (*self.forces, make(*values, *beside))
+        pairs = [(value.real, value.imag) if isinstance(value, complex) else (value,) for value in values]
+        numbers = [float(number) for pair in pairs for number in pair]
+        named = zip(LABELS[name], numbers, strict=True)
+        self.sizes[name] = {label: 1.0 / number if label == "inverse_gap_per_m" else number for label, number in named}
+
+    def truth(self, declared: Machine) -> dict[str, dict[str, float]]:
+        """Effect -> label -> value in SI, of the forces added and of all other effects that may be hidden."""
+        now = self.machine
+        linear = {
+            "stiffness_error": [k / nominal - 1.0 for k, nominal in zip(now.stiffness, declared.stiffness, strict=True)],
+            "mass_error": [now.mass / declared.mass - 1.0],
+            "damping_error": [np.log(c / nominal) for c, nominal in zip(now.damping, declared.damping, strict=True)],
+            "residual_unbalance": [self.unbalance.real, self.unbalance.imag],
+            "residual_bow": [self.bow.real, self.bow.imag],
+            "probe_gain": [gain - 1.0 for gain in self.gains],
+            "phase_reference_offset": [-self.offset],
+            "time_delay": [self.delay],
+            "probe_angle": [self.probes[0], self.probes[1] - np.pi / 2],
+        }
+        labelled = {name: dict(zip(LABELS[name], map(float, values), strict=True)) for name, values in linear.items()}
+        return {**labelled, **self.sizes}
 
     def _set(self, **values: object) -> None:
         """The machine with other values; damping forces stay what they are unless their ratio is changed."""
@@ -177,4 +228,7 @@ def _measured(rng: np.random.Generator, hidden: tuple[str, ...], handicap: str) 
         "uncertain mass": lambda: dataclasses.replace(measurement, knowledge=Knowledge(uncertain=(Uncertain("mass_error", "error", 0.03, True, "mass"),))),
     }[handicap]()
     rotor_declared = Jeffcott(declared.mass, list(declared.stiffness), list(declared.ratio), gravity=list(gravity))
-    return Hidden(hidden, handicap, Model(rotor_declared, layout=Layout(orders=orders)), measurement, any(gravity))
+    known = {*hidden, *(("mass_error",) if handicap == "uncertain mass" else ())}
+    truth = {name: values for name, values in rotor.truth(declared).items() if name in known}
+    model = Model(rotor_declared, layout=Layout(orders=orders))
+    return Hidden(hidden, handicap, model, measurement, any(gravity), truth, sigma)

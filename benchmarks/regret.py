@@ -1,0 +1,397 @@
+"""How far fits from declared starts end above the cost of a descent begun at the truth, on cases that were once hard.
+
+Each case is fitted with what is hidden in it as the hypothesis, under the noise of its table, from the starts that its
+effects declare and with nothing else known. The difference to a descent begun at what was drawn is the regret: nought
+where as good an optimum is found. The last cases are measured on a vertical rotor and explained with a model that
+states gravity: no values are true there, so that only the cost reached counts. Motion is integrated in time by code
+that shares nothing with rotorjax. Each fit has a process of its own and is ended where it takes longer than allowed;
+prints a line for each, writes a table and the same as JSON.
+
+    python benchmarks/regret.py --output benchmarks/results
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import json
+import math
+import multiprocessing
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
+
+import jax
+import numpy as np
+import tabulate
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+import drawn_forces
+
+import rotorjax
+from rotorjax import Measurement, Model, RestoringEffect, effects, response
+from rotorjax.discovery import descent
+from rotorjax.discovery.noise import Noise
+from rotorjax.discovery.race import Contest, Effects, make_contest, race
+from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
+from rotorjax.harmonic import NEWTON_STEPS
+from rotorjax.io.files import write_whole
+from rotorjax.response import motions_of, vectors_from
+from rotorjax.space import Space
+
+import drawn_effects
+import hidden_forces
+import nonlinear_oracle as in_time
+from hidden import Plan
+
+Truth = Mapping[str, Mapping[str, float]]
+"""Effect -> label -> value in SI."""
+
+EFFECT_SEEDS, FORCE_SEEDS = (126, 300, 313, 513, 563, 584, 682, 781), (205, 425)
+RESTORING = tuple(name for name, cls in CATALOG.items() if issubclass(cls, RestoringEffect))
+WEIGHTS = {"baseline": 4e-6, "trial-a": 30e-6, "trial-b": 30e-6 * np.exp(2.1j), "trial-c": 20e-6 * np.exp(-1.5j)}
+"""Unbalance installed in each run [kg m]."""
+SPEEDS_RPM = np.linspace(800.0, 3000.0, 15)
+NOISE = 0.01
+"""In the median amplitude at 1X."""
+CUBIC, STOP, GAP, FRICTION = 1e12, 0.3, 150e-6, 0.15
+"""Cubic stiffness [N/m³]; stiffness of the stop in that of the shaft, its gap [m] and coefficient of friction."""
+HEADS = (
+    "case", "hypothesis", "cases", "cost, declared starts", "cost, from the truth", "regret", "linearisations", "CPU s",
+    "of the first call", "reduced χ²", "χ² at the truth",
+)  # fmt: skip
+ABOUT = """What is hidden is fitted from the starts that its effects declare, and from its true values.
+
+*Cost*: half the squared residual in standard errors, and minus the logarithm of the prior. *Regret*: the cost that is
+reached from the declared starts, less that of a descent begun at the truth. *Linearisations*: residual and slopes of
+one case at one point, counted over all descents from the declared starts. *CPU s*: of the second call in one process;
+*of the first call*: with compilation. *χ² at the truth*: of the response there, before any descent, near the measured
+motions where others are steady too. A cost with an asterisk is of the force laid along the measured motion: no steady
+motion was found, and it is of first order only.
+The rows "weight stated" are of a vertical rotor and a model that states gravity: no values are true there."""
+
+
+class Reached(NamedTuple):
+    """The best end of some descents."""
+
+    cost: float
+    linearisations: int
+    """Single cases at single points."""
+    shown: np.ndarray
+    """What the model shows there, case x probe x order [m]."""
+    unknowns: int
+    steady: bool
+    """Whether the motions there are steady ones."""
+
+
+def fitted(contest: Contest, noise: Noise, hypothesis: Effects, starts: list[np.ndarray] | None) -> Reached:
+    """A hypothesis fitted from points and the motions there, or from its declared starts, with nothing known.
+
+    All that depends on how descents are made is here and in `_counted`.
+    """
+    with _counted() as counts:
+        if starts is None:
+            end = race(contest, noise, [hypothesis], {})[hypothesis].best
+        else:
+            data, free, cases = contest.data(noise, starts[0]), contest.free(hypothesis), len(contest.training)
+            begin = [descent.searched(contest.space, data, point) for point in starts]
+            nameless, whole = descent._nameless(contest.space), descent.filled(data)
+            near = [np.asarray(descent._measured_motions(nameless, whole, point))[:cases] for point in starts]
+            begin += [descent.Start(point, motions) for point, motions in zip(starts, near, strict=True)]
+            masks, training = np.tile(free, (len(begin), 1)), np.ones((len(begin), cases), bool)
+            ends = descent.descend(contest.space, data, begin, masks, training, manner=contest.manner(descent.THOROUGH))
+            end = min(ends, key=lambda end: (not end.exact, end.cost))
+    return Reached(end.cost, sum(counts), end.shown, len(end.free), end.exact)
+
+
+@contextlib.contextmanager
+def _counted() -> Iterator[list[int]]:
+    """Linearisations of each leg: an evaluation of the cost has the slopes of every case."""
+    counts: list[int] = []
+    batches = descent._Group._batches
+
+    def counted(group: descent._Group, *arguments: object) -> Iterator:
+        for index, found in batches(group, *arguments):  # pyright: ignore
+            counts.append(int(found.steps[: len(index)].sum()) * group.cases)
+            yield index, found
+
+    with mock.patch.object(descent._Group, "_batches", counted):
+        yield counts
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """One hypothesis about one measurement."""
+
+    case: str
+    model: Model
+    measurement: Measurement
+    hypothesis: tuple[str, ...]
+    noise: Noise
+    truth: Truth | None
+    """Of the hypothesis, and of what is declared uncertain; none where the model is wrong."""
+
+    @property
+    def words(self) -> str:
+        """The hypothesis."""
+        return " + ".join(self.hypothesis)
+
+    def contest(self) -> Contest:
+        """As `explain` has it, with the term of the hypothesis if it is one."""
+        terms = {name: TERMS[name] for name in self.hypothesis if name in TERMS}
+        catalog = {**CATALOG, **terms}
+        return make_contest(self.model, self.measurement, catalog, catalog)
+
+
+def unknowns_of(space: Space, truth: Truth) -> np.ndarray:
+    """Values in SI in units of the space's unknowns."""
+    unknowns, centre = space.given_unknowns(), np.asarray(space.centre)
+    for k, entry in enumerate(space.entries):
+        if entry.label in truth.get(entry.effect, {}):
+            value, middle = truth[entry.effect][entry.label], centre[k]
+            moved = math.log((1.0 + value) / (1.0 + middle)) if entry.logarithmic else value - middle
+            unknowns[entry.unknown] = moved / entry.scale
+    return unknowns
+
+
+def reduced_chi2(measurement: Measurement, noise: Noise, shown: np.ndarray, unknowns: int) -> float:
+    """Squared residual in standard errors per degree of freedom."""
+    weight = measurement.weights(noise.allowance)
+    left = (np.where(measurement.present, shown, 0.0) - measurement.vectors)[..., None]
+    pairs = np.concatenate([left.real, left.imag], axis=-1) * weight
+    return float(np.sum(pairs**2)) / max(1, int(np.count_nonzero(weight)) - unknowns)
+
+
+def shown_at(model: Model, measurement: Measurement) -> list[np.ndarray]:
+    """What a model shows: by motions searched for, and by those near the measured ones, as far as they are found."""
+    conditions, vectors = measurement.conditions, np.asarray(measurement.vectors)
+    near = motions_of(model, conditions, vectors, measurement.present)
+    shown = [response(model, conditions), vectors_from(model, conditions, near, np.asarray(NEWTON_STEPS))[0]]
+    return [found for found in map(np.asarray, shown) if np.all(np.isfinite(found))]
+
+
+def drawn_effect(seed: int) -> list[Problem]:
+    """Effects of the catalogue."""
+    hidden = drawn_effects.draw(seed)
+    noise = Noise(hidden.sigma if hidden.measurement.sigma is None else 0.0)
+    return [Problem(f"effects {seed}", hidden.model, hidden.measurement, hidden.effects, noise, hidden.truth)]
+
+
+def drawn_force(seed: int) -> list[Problem]:
+    """A force outside the catalogue; its term's values are read off the force that was drawn."""
+    forces: list[tuple[object, ...]] = []
+    make = drawn_forces._force
+
+    def kept(*arguments: object) -> in_time.Force:
+        forces.append((*arguments, make(*arguments)))  # pyright: ignore
+        return forces[-1][-1]  # pyright: ignore
+
+    with mock.patch.object(drawn_forces, "_force", kept):
+        drawn = drawn_forces.draw(seed)
+    if drawn.term is None:
+        raise ValueError(f"no term is the force of seed {seed}")
+    model, measurement = drawn_forces.measured(drawn)
+    truth = {drawn.term: _read_off(drawn.shape, "xy".index(drawn.axis), forces[-1][-1])}  # pyright: ignore
+    return [Problem(f"forces {seed}", model, measurement, (drawn.term,), Noise(), truth)]
+
+
+def _read_off(shape: str, axis: int, force: in_time.Force) -> dict[str, float]:
+    """The values of a dead band, far beyond its gap, or of dry friction, at a high speed."""
+    along, none = np.zeros(2), np.zeros(2)
+    along[axis] = 1.0
+    if shape == "dry friction":
+        return {"force_n": float(force(0.0, none, 1e6 * along, none)[axis])}
+    if shape == "dead band":
+        near, far = (float(force(0.0, place * along, none, none)[axis]) for place in (1.0, 2.0))
+        return {"stiffness_n_per_m": far - near, "inverse_gap_per_m": 1.0 / (1.0 - near / (far - near))}
+    raise ValueError(f"no values of {shape} are read off")
+
+
+def tenfold_friction() -> list[Problem]:
+    """Dry friction ten times as strong as usual, which nearly holds the rotor."""
+    model, measurement, (force,) = hidden_forces.sufficient(effects.CoulombFriction, seed=8, factor=10.0)
+    truth = {"coulomb_friction": {"force_n": force}}
+    return [Problem("tenfold friction", model, measurement, tuple(truth), Noise(), truth)]
+
+
+def strong_cubic() -> list[Problem]:
+    """A cubic spring as stiff as the shaft."""
+    return _sixty("cubic spring", in_time.duffing(CUBIC), {"duffing": {"cubic_n_per_m3": CUBIC}})
+
+
+def rub_with_friction() -> list[Problem]:
+    """Contact with a stator whose friction drives the rotor backward."""
+    stiffness = STOP * float(np.mean(hidden_forces.MACHINE.stiffness))
+    truth = {"stiffness_n_per_m": stiffness, "inverse_gap_per_m": 1.0 / GAP, "friction": FRICTION}
+    return _sixty("rub", in_time.rub(stiffness, GAP, FRICTION, 1), {"rub": truth})
+
+
+def _sixty(name: str, force: in_time.Force, truth: Truth) -> list[Problem]:
+    """Four runs at fifteen speeds through resonance, a vertical rotor; explained as such, and with gravity stated."""
+    speeds = tuple(float(speed) for speed in SPEEDS_RPM * np.pi / 30.0)
+    plan = Plan({run: [complex(weight)] for run, weight in WEIGHTS.items()}, speeds, (1, 2), sigma=0.0)
+    model, clean = hidden_forces.measured((force,), plan, np.random.default_rng(0), (0.0, 0.0))
+    sigma = NOISE * float(np.median(np.abs(clean.vectors[..., 0])))
+    rng, shape = np.random.default_rng(1), clean.vectors.shape
+    noisy = clean.vectors + sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    measurement = dataclasses.replace(clean, vectors=noisy, sigma=np.full(shape, sigma))
+    heavy = dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, gravity=jax.numpy.array(in_time.DOWN)))
+    right = Problem(name, model, measurement, tuple(truth), Noise(), truth)
+    wrong = [Problem(f"{name}, weight stated", heavy, measurement, (one,), Noise(), None) for one in RESTORING]
+    return [right, *wrong]
+
+
+CASES: dict[str, Callable[[], list[Problem]]] = {
+    **{f"effects-{seed}": lambda seed=seed: drawn_effect(seed) for seed in EFFECT_SEEDS},
+    **{f"forces-{seed}": lambda seed=seed: drawn_force(seed) for seed in FORCE_SEEDS},
+    "tenfold-friction": tenfold_friction,
+    "cubic-spring": strong_cubic,
+    "rub": rub_with_friction,
+}
+"""Name -> its problems."""
+DECLARED, AGAIN, TRUTH = "declared", "again", "truth"
+
+
+def answer(problem: Problem, asked: Iterable[str], pipe: Connection) -> None:
+    """In a process of its own: send what each of some questions gives."""
+    jax.config.update("jax_enable_x64", True)
+    contest, hypothesis = problem.contest(), frozenset(problem.hypothesis)
+    for question in asked:
+        begin, starts, at_truth = time.process_time(), None, None
+        if question == TRUTH and problem.truth is not None:
+            starts = [unknowns_of(contest.space, problem.truth)]
+            there = shown_at(contest.space.model_at(starts[0]), problem.measurement)
+            chi2_there = [reduced_chi2(problem.measurement, problem.noise, shown, 0) for shown in there]
+            at_truth = min(chi2_there, default=None)
+        reached = fitted(contest, problem.noise, hypothesis, starts)
+        chi2 = reduced_chi2(problem.measurement, problem.noise, reached.shown, reached.unknowns)
+        seconds = time.process_time() - begin
+        pipe.send({**reached._asdict(), "shown": None, "chi2": chi2, "at_truth": at_truth, "seconds": seconds})
+
+
+def ask(problem: Problem, asked: tuple[str, ...], limit: float) -> dict[str, dict]:
+    """Question -> what its process sent; those that took longer than the limit [s], and all after them, are missing."""
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=answer, args=(problem, asked, sender))
+    process.start()
+    sender.close()
+    found: dict[str, dict] = {}
+    try:
+        for question in asked:
+            if not receiver.poll(limit):
+                break
+            found[question] = receiver.recv()
+    except EOFError:
+        raise RuntimeError(f"{problem.case}, {problem.words}: its process failed") from None
+    finally:
+        process.kill()
+        process.join()
+    return found
+
+
+def row_of(problem: Problem, limit: float) -> dict:
+    """One row, as JSON has it."""
+    known = problem.truth is not None
+    found = ask(problem, (DECLARED, AGAIN, TRUTH) if known else (DECLARED, AGAIN), limit)
+    if known and TRUTH not in found:
+        found |= ask(problem, (TRUTH,), limit)
+    first, again, truth = (found.get(question, {}) for question in (DECLARED, AGAIN, TRUTH))
+    cost, least = first.get("cost"), truth.get("cost")
+    return {
+        "case": problem.case,
+        "hypothesis": problem.words,
+        "cases": len(problem.measurement.run),
+        "truth_known": known,
+        "cost": cost,
+        "steady": first.get("steady"),
+        "cost_from_truth": least,
+        "steady_from_truth": truth.get("steady"),
+        "regret": None if cost is None or least is None else cost - least,
+        "linearisations": first.get("linearisations"),
+        "linearisations_from_truth": truth.get("linearisations"),
+        "cpu_s": again.get("seconds"),
+        "first_call_cpu_s": first.get("seconds"),
+        "reduced_chi2": first.get("chi2"),
+        "reduced_chi2_from_truth": truth.get("chi2"),
+        "reduced_chi2_at_truth": truth.get("at_truth"),
+        "limit_s": limit,
+    }
+
+
+def cells(row: dict) -> list[str]:
+    """One row, as the table has it."""
+
+    def said(key: str, form: str, missing: str = "-") -> str:
+        return missing if row[key] is None else format(row[key], form)
+
+    late = f"> {row['limit_s']:.0f} s"
+    cost = said("cost", ".2f", late) + ("*" if row["steady"] is False else "")
+    from_truth = said("cost_from_truth", ".2f", late if row["truth_known"] else "-")
+    from_truth += "*" if row["steady_from_truth"] is False else ""
+    effort = [said("linearisations", "d"), said("cpu_s", ".1f", late), said("first_call_cpu_s", ".1f", late)]
+    chi2 = [said("reduced_chi2", ".3g"), said("reduced_chi2_at_truth", ".3g")]
+    return [row["case"], row["hypothesis"], str(row["cases"]), cost, from_truth, said("regret", ".2f"), *effort, *chi2]
+
+
+def total(rows: list[dict], name: str) -> list[str]:
+    """What some rows come to; what took too long is left out."""
+
+    def added(key: str, form: str) -> str:
+        values = [row[key] for row in rows if row[key] is not None]
+        return format(sum(values), form) if values else "-"
+
+    late = sum(row["cost"] is None for row in rows)
+    words = f"{len(rows)} fits" + (f", {late} of them too long" if late else "")
+    costs = [added(key, ".2f") for key in ("cost", "cost_from_truth", "regret")]
+    effort = [added("linearisations", "d"), added("cpu_s", ".1f"), added("first_call_cpu_s", ".1f")]
+    return [f"**{name}**", words, added("cases", "d"), *costs, *effort, "", ""]
+
+
+def code() -> str:
+    """The commit of the rotorjax that is measured."""
+
+    def said(*words: str) -> str:
+        folder = str(Path(rotorjax.__file__).parent)
+        return subprocess.run(["git", "-C", folder, *words], check=False, capture_output=True, text=True).stdout.strip()
+
+    return said("rev-parse", "--short", "HEAD") + (" with changes" if said("status", "--porcelain", ".") else "")
+
+
+def write(folder: Path, rows: list[dict]) -> None:
+    """The table, and the same as JSON."""
+    folder.mkdir(parents=True, exist_ok=True)
+    right, wrong = ([row for row in rows if row["truth_known"] == known] for known in (True, False))
+    sums = [total(group, name) for group, name in ((right, "right rig"), (wrong, "weight stated")) if group]
+    table = tabulate.tabulate([*map(cells, rows), *sums], HEADS, tablefmt="pipe", disable_numparse=True)
+    title = f"# Fits from declared starts beside fits from the truth, commit {code()}"
+    told = "Written by `python benchmarks/regret.py --output benchmarks/results`."
+    write_whole(folder / "regret.md", "\n\n".join([title, ABOUT, told, table]) + "\n")
+    write_whole(folder / "regret.json", json.dumps({"commit": code(), "rows": rows}, indent=1) + "\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, help="folder for regret.md and regret.json")
+    names = f"of {', '.join(CASES)}"
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), metavar="NAME", help=names)
+    parser.add_argument("--limit", type=float, default=300.0, help="seconds that one fit may take (%(default)s)")
+    arguments = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    print(f"{rotorjax.__file__}, commit {code()}", flush=True)
+    rows = []
+    for name in arguments.only:
+        for problem in CASES[name]():
+            rows.append(row_of(problem, arguments.limit))
+            print(" | ".join(cells(rows[-1])), flush=True)
+            if arguments.output:
+                write(arguments.output, rows)
+
+
+if __name__ == "__main__":
+    main()
