@@ -7,10 +7,10 @@ from rotorjax._core import CONVERGED, MICROMETRE, unit_of
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.named_force import NamedForce
-from rotorjax.discovery.noise import NO_SCATTER
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked
 from rotorjax.discovery.ties import Alternative
+from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.report import Page, Picture, findings, measurement_line, share_table, step_json, step_tables, view_json, worst_cells
 from rotorjax.tables import Table, number
 
@@ -41,7 +41,7 @@ def sentence(found: Explanation) -> str:
     parts = {
         "nothing missing": [_nothing(found), first],
         "explained": [f"Missing: {listed(found.effects)}.", first, _fall(found)],
-        "undecided": [_undecided(found), first, _fall(found)],
+        "undecided": [_undecided(found), first, _fall(found) if found.effects else ""],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
     named = _missing_force(found)
@@ -64,7 +64,9 @@ def _nothing(found: Explanation) -> str:
 def _undecided(found: Explanation) -> str:
     others = ["others do as well"] if found.ties.tied or found.named_force is not None else []
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
-    return f"Undecided: {listed(found.effects)}, but {listed([*others, *fails, *found.objections])}."
+    limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
+    what = listed(found.effects) if found.effects else "nothing that stands out so far"
+    return f"Undecided: {what}, but {listed([*others, *fails, *found.objections, *limit])}."
 
 
 def _unexplained(found: Explanation) -> str:
@@ -224,7 +226,7 @@ def notes(found: Explanation) -> list[str]:
             "than that ([model] tolerance), it is explained."
         )
     lines += _orders_lacking(found)
-    lines += [f"Detected, but too small to matter, and kept in the fitted model only: {small.effect} ({small.why})." for small in found.detected_but_small]
+    lines += [f"Detected, but too small to matter, and not added: {small.effect} ({small.why})." for small in found.detected_but_small]
     return lines + findings(found.story)
 
 
@@ -300,12 +302,20 @@ def explanation_tables(found: Explanation) -> list[Table]:
     return [*step_tables(found.story), *(table for table in (ties_table(found), terms) if table is not None), *ranking_tables(found)]
 
 
+def cost_line(found: Explanation) -> str:
+    """What the explanation took, and what the limit left out."""
+    cost = found.cost
+    line = f"{cost.linearisations:,} linearisations of single cases, of {cost.limit:,} allowed."
+    return f"{line} Not tried when the limit was reached: {listed(cost.untried)}." if cost.exhausted else line
+
+
 def explanation_text(found: Explanation) -> str:
     """Everything that `rotorjax explain` prints."""
     parts = [measurement_line(found.story.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [table.text() for table in explanation_tables(found)]
     parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails").text())
+    parts.append(cost_line(found))
     return "\n\n".join(parts)
 
 
@@ -316,9 +326,8 @@ def explanation_page(found: Explanation, *, title: str, pictures: list[tuple[str
     where += [worst_cells(story.last, "Where it fails with what was added")] if story.changed else []
     drawn = [Picture.of(caption, svg) for caption, svg in pictures]
     tables = explanation_tables(found)
-    return Page(
-        title, sentence(found), measurement_line(story.measurement), notes(found), tables, drawn, [*where, share_table(story.last, "Share of what is left")]
-    )
+    where.append(share_table(story.last, "Share of what is left"))
+    return Page(title, sentence(found), measurement_line(story.measurement), notes(found), tables, drawn, where, cost_line(found))
 
 
 def explanation_json(found: Explanation) -> dict[str, Any]:
@@ -358,6 +367,7 @@ def explanation_json(found: Explanation) -> dict[str, Any]:
         "p_value_draws": None if found.p_value is None else found.p_value.draws,
         "missing_force": _missing_force_json(found.named_force),
         "findings": notes(found),
+        "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
     }
 
 

@@ -4,7 +4,11 @@ import argparse
 import contextlib
 import json
 import os
+import signal
+import socket
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +25,8 @@ if TYPE_CHECKING:
 
 BAD_INPUT, INTERRUPTED = 2, 130
 MOST_PROBLEMS = 20
+TICK_S = 1.0
+"""How often the time elapsed is shown anew."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -213,16 +219,17 @@ def _explain(options: argparse.Namespace) -> None:
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
     only, exclude = (_effect_names(flag, text) for flag, text in (("--only", options.only), ("--exclude", options.exclude)))
-    _compute()
-    from rotorjax.answer import explanation_json, explanation_text
-    from rotorjax.discovery.explain import explain
-
-    rig, measurement = _read(options)
-    declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
-    if held := [name for name in only or () if name in rig.model or name in declared]:
-        how = "declares it uncertain, so that it is estimated along in any case" if held[0] in declared else "has it in [effects] already"
-        raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
     with progress_line() as progress:
+        progress(f"reading {options.data}")
+        _compute()
+        from rotorjax.answer import explanation_json, explanation_text
+        from rotorjax.discovery.explain import explain
+
+        rig, measurement = _read(options)
+        declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
+        if held := [name for name in only or () if name in rig.model or name in declared]:
+            how = "declares it uncertain, so that it is estimated along in any case" if held[0] in declared else "has it in [effects] already"
+            raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
         found = explain(rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress)
     _say(explanation_text(found))
     _write_outputs(options, rig, found.model, explanation_json(found), found, f"{options.data.name}: what {options.rig.name} lacks")
@@ -230,18 +237,60 @@ def _explain(options: argparse.Namespace) -> None:
 
 @contextlib.contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
-    """Shows what is being done on one line of standard error, gone at the end; nothing where that is no terminal."""
-    shown = sys.stderr.isatty()
+    """Says on standard error what is being done and for how long: on a terminal in place, gone at the end, elsewhere a line for every stage.
+
+    While it lasts Ctrl-C ends the process at once, in the midst of a compilation too.
+    """
+    began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
+
+    def show(line: str) -> None:
+        elapsed = f"{time.monotonic() - began:4.0f} s"
+        print(f"\r\x1b[K{elapsed}  {line} ..." if terminal else f"{elapsed}  {line}", end="" if terminal else "\n", file=sys.stderr, flush=True)
 
     def progress(line: str) -> None:
-        if shown:
-            print(f"\r\x1b[K{line} ...", end="", file=sys.stderr, flush=True)
+        stage[0] = line
+        show(line)
 
+    def tick() -> None:
+        while not over.wait(TICK_S):
+            show(stage[0])
+
+    if terminal:
+        threading.Thread(target=tick, daemon=True).start()
     try:
-        yield progress
+        with _interruptible():
+            yield progress
     finally:
-        if shown:
+        over.set()
+        if terminal:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile, so that nothing is lost."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    woken, waker = socket.socketpair()
+    waker.setblocking(False)
+    before = signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while number := woken.recv(1):
+            if number[0] == signal.SIGINT:
+                print("\nrotorjax: stopped", file=sys.stderr, flush=True)
+                os._exit(INTERRUPTED)
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        waker.close()
+        waiting.join()
+        woken.close()
 
 
 def _effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:

@@ -68,7 +68,7 @@ class Parameter(NamedTuple):
         return unit_of(self.name)
 
     def prior_scale(self, rotor: "AbstractRotor") -> float:
-        """Prior scale in SI (`rotorjax.discovery.prior`): ``scale`` times the rig's quantity ``of``."""
+        """Prior scale in SI (`rotorjax.inference.prior`): ``scale`` times the rig's quantity ``of``."""
         quantities = rotor.quantities()
         if self.of not in quantities:
             raise ValueError(f"parameter {self.name}: of={self.of!r} is no quantity of the rig; it has {', '.join(quantities)}")

@@ -11,9 +11,9 @@ import numpy as np
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE
 from rotorjax.discovery.compare import Cell, Comparison
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
-from rotorjax.discovery.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
+from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.inverse import Diagnosis, Fault, RunDiagnosis
 from rotorjax.io.rig import Convention
 from rotorjax.measurement import Measurement
@@ -381,6 +381,8 @@ class Page(NamedTuple):
     tables: list[Table]
     pictures: list[Picture]
     where: list[Table]
+    cost: str = ""
+    """The last line: what it took."""
 
 
 def comparison_page(story: Story, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:

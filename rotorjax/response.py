@@ -22,7 +22,7 @@ TOGETHER = 4
 """Cases whose orders are balanced in one go."""
 
 
-def _linear_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
+def linear_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
     """Every order of one case by itself."""
     condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
     orders = jnp.asarray(model.layout.orders, dtype=condition.speed.dtype)
@@ -51,8 +51,8 @@ def _case(model: Model, condition: Conditions, vectors_of: Callable[[Model, Cond
 
 def vectors(model: Model, conditions: Conditions) -> Complex[Array, "case probe order"]:
     """`response` without its own compilation, for use inside other compiled functions."""
-    of_case = _timed_vectors if is_timed(model) else _linear_vectors
-    if of_case is _linear_vectors:
+    of_case = _timed_vectors if is_timed(model) else linear_vectors
+    if of_case is linear_vectors:
         return jax.vmap(lambda condition: _case(model, condition, of_case))(conditions)
     return _by_few(lambda condition: _case(model, condition, of_case), conditions)
 
@@ -104,7 +104,7 @@ def motions_of(
         if model.slow_roll is None:
             return measured_motion(model, condition, vectors, counted)[None]
         rolling = dataclasses.replace(condition, speed=model.slow_roll)
-        there = _linear_vectors(without_timed(model), rolling)
+        there = linear_vectors(without_timed(model), rolling)
         fast = measured_motion(model, condition, vectors + there, counted)
         return jnp.stack([fast, measured_motion(model, rolling, there, jnp.ones_like(counted))])
 

@@ -19,7 +19,7 @@ from rotorjax.response import motion_shape
 
 
 class Entry(NamedTuple):
-    """One number of one effect: scale of its prior (`rotorjax.discovery.prior`) in SI, or of ln(1 + value) if logarithmic."""
+    """One number of one effect: scale of its prior (`rotorjax.inference.prior`) in SI, or of ln(1 + value) if logarithmic."""
 
     effect: str
     label: str
@@ -59,7 +59,7 @@ class Space(eqx.Module):
     logarithmic: Bool[Array, "param"]
     unknown: Int[Array, "param"]
     open_size: Int[Array, "param"]
-    """Of every unknown: a number for what it is a part of, if the size of that is left open (`rotorjax.discovery.prior`); else -1."""
+    """Of every unknown: a number for what it is a part of, if the size of that is left open (`rotorjax.inference.prior`); else -1."""
     entries: tuple[Entry, ...] = eqx.field(static=True)
 
     def at(self, unknowns: Float[Array, "param"]) -> Model:

@@ -230,6 +230,8 @@ def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled:
         return to_real(in_space(assembled.dynamic.times(Vector(pair[0], pair[1])))) - drive
 
     def force(motion: Coefficients) -> Coefficients:
+        if not effects:
+            return jnp.zeros_like(motion)
         return _force(effects, grid, Inputs(own, condition.speed, motion, bow), model.rotor)
 
     def slopes(motion: Coefficients) -> Float[Array, "dof coefficient dof coefficient"]:

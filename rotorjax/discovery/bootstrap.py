@@ -5,16 +5,18 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax._core import numpy_pair
-from rotorjax.discovery.data import declared_starts
-from rotorjax.discovery.descent import QUICK, End, Start, best_of, descend
-from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest
+from rotorjax.inference.data import declared_starts
+from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
+from rotorjax.inference.noise import Noise
 
 FEWEST_DRAWS, MOST_DRAWS = 39, 199
 ENOUGH_EXCEED = 5
 """Draws that leave more than the data after which the p-value is large enough (Besag, Clifford 1991, Biometrika 78:301-304)."""
 NONE_EXCEED = 99
 """Draws without a single one that leaves more after which it is small enough."""
+BATCH = 24
+"""Fits made together."""
 BLIND_STARTS = 2
 """Starts of every fit, those of the data's own among them; one where orders are balanced together, which takes a hundred times as long."""
 
@@ -46,14 +48,14 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
         shown = data if model is None else data._replace(pairs=model)
         counted = np.broadcast_to(contest.training, (len(tasks), len(contest.training)))
         moved = np.repeat(shifts, len(starts), axis=0)
-        ends = descend(contest.space, shown, tasks, free, counted, kept=contender.best.point, shift=moved, manner=contest.manner())
+        ends = descend(contest.space, shown, tasks, free, counted, budget=contest.budget, kept=contender.best.point, shift=moved, manner=QUICK)
         return [best_of(ends[k : k + len(starts)]) for k in range(0, len(ends), len(starts))]
 
-    weight = np.asarray(data.weight).reshape(len(contest.training), -1)
+    weight = data.weight.reshape(len(contest.training), -1)
     own = fit(np.zeros((1, *weight.shape)), None)[0]
-    pairs, prior = numpy_pair(own.shown), float(own.prior.cost)
+    pairs, prior = numpy_pair(own.shown), own.prior.cost
     rng = np.random.default_rng(seed)
-    per_call = max(1, QUICK.batch // len(starts))
+    per_call = max(1, BATCH // len(starts))
     costs: list[float] = []
     while len(costs) < MOST_DRAWS:
         exceed = sum(cost >= own.cost for cost in costs)
@@ -64,7 +66,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
         if data.scatter.shape[-1]:
             random = rng.standard_normal((per_call, data.run_count, data.scatter.shape[-1]))
             known += 0.5 * np.sum(random**2, axis=(1, 2))
-            noises += np.einsum("cml,dcl->dcm", np.asarray(data.scatter).reshape(*weight.shape, -1), random[:, np.asarray(data.run)])
+            noises += np.einsum("cml,dcl->dcm", data.scatter, random[:, data.run])
         costs += [min(end.cost, bound) for end, bound in zip(fit(noises, pairs), known.tolist(), strict=True)]
     exceed = sum(cost >= own.cost for cost in costs)
     return PValue((exceed + 1) / (len(costs) + 1), len(costs))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax._core import MICROMETRE
-from rotorjax.discovery.noise import reduced_chi2
+from rotorjax.inference.noise import reduced_chi2
 from rotorjax.measurement import Measurement, require_steady
 from rotorjax.model import AbstractRotor, Model
 from rotorjax.response import response

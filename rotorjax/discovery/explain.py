@@ -12,34 +12,56 @@ from scipy.special import chdtrc
 from rotorjax._core import MICROMETRE, Tolerance, forget_compiled, numpy_pair, require_float64
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
-from rotorjax.discovery.descent import QUICK, Start, best_of, descend, predict
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
-from rotorjax.discovery.noise import NO_SCATTER, Noise
 from rotorjax.discovery.race import Contest, Effects, Known, check_catalog, make_contest, misfit_left, race
-from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, ranking, retold, select
+from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, noise_size, ranking, retold, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
+from rotorjax.inference.descent import QUICK, Start, best_of, descend
+from rotorjax.inference.linearised import Budget
+from rotorjax.inference.noise import NO_SCATTER, Noise
+from rotorjax.inference.prediction import predict
 from rotorjax.inverse import fault_sensitivity, installed_faults
 from rotorjax.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.model import AbstractRotor, Effect, Model
+from rotorjax.response import response
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
 LARGE = 0.1
 """Share of the measured size above which a residual of unknown noise is not put down to noise."""
 
-POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6), search=True)
+POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
 """How estimates are made: a thousandth of a log unit is a twentieth of a standard error."""
 
 Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
 
 
+LINEARISATIONS = 400_000
+"""Single cases that an explanation may linearise."""
+
+
+class Cost(NamedTuple):
+    """What an explanation took."""
+
+    linearisations: int
+    """Single cases linearised: a count that does not depend on the machine."""
+    limit: int
+    untried: tuple[str, ...] = ()
+    """What was left out when the limit was reached."""
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the limit was reached before all was tried."""
+        return bool(self.untried)
+
+
 class Small(NamedTuple):
-    """An effect that was detected but changes too little to be added."""
+    """An effect that was detected but changes the prediction by less than the noise."""
 
     effect: str
     why: str
@@ -69,6 +91,7 @@ class Explanation:
     named_force: NamedForce | None
     """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few terms that would do as well
     as the effects found."""
+    cost: Cost
 
     def __repr__(self) -> str:
         p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
@@ -122,7 +145,7 @@ class Explanation:
         return float(np.sum(errors**2)) / freedom if freedom > 0 else None
 
 
-def explain(
+def explain(  # noqa: PLR0913
     model: Model | AbstractRotor,
     measurement: Measurement,
     *,
@@ -131,6 +154,7 @@ def explain(
     exclude: Iterable[str] = (),
     catalog: Mapping[str, type[Effect]] = CATALOG,
     thorough: bool = True,
+    limit: int = LINEARISATIONS,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Explanation:
     """Find which effects a model lacks.
@@ -141,7 +165,8 @@ def explain(
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
     those in ``exclude``; ``catalog``: effects by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with
     held-out error and p-value, both of which count for the verdict, and the missing force, looked at where nothing explains and compared with
-    what was found elsewhere; ``progress``: called with a line of text at every stage.
+    what was found elsewhere; ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or
+    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
@@ -158,11 +183,23 @@ def explain(
     candidates = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    contest = make_contest(full, kept, candidates, catalog)
-    declared = predict(contest.space, kept.conditions, contest.space.given_unknowns()[None])[0]
+    contest = make_contest(full, kept, candidates, catalog, Budget(limit))
+    declared = _declared(contest)
     require_steady(declared, kept)
-    selection = select(contest, max_effects, progress=progress)
-    return _answer(full, declared, selection, undriven, catalog, thorough, progress)
+
+    def told(line: str) -> None:
+        progress(f"{line} ({contest.budget.spent:,} of {limit:,} linearisations)")
+
+    return _answer(full, declared, select(contest, max_effects, progress=told), undriven, catalog, thorough, told)
+
+
+def _declared(contest: Contest) -> Complex[np.ndarray, "case probe order"]:
+    """What the model shows as declared, whatever was measured."""
+    m = contest.measurement
+    given = contest.space.given_unknowns()
+    if np.any(contest.space.timed() & (given != 0.0)):
+        return np.asarray(response(contest.space.model_at(given), m.conditions))
+    return predict(contest.space, m.conditions, given, budget=contest.budget).shown
 
 
 def _answer(
@@ -175,25 +212,29 @@ def _answer(
     progress: Progress,
 ) -> Explanation:
     contest = selection.contest
-    selection, ties, noise = _with_ties(selection, catalog, progress)
-    progress("error on data held out")
-    held = held_out(contest, selection) if thorough else HeldOut((None,) * len(selection.races), "not asked for")
+    stages = _Stages(contest, thorough, progress, ["a further effect"] if contest.budget.exhausted else [])
+    selection, ties, noise = _with_ties(selection, catalog, stages)
+    held = HeldOut((None,) * len(selection.races), "not asked for" if not thorough else "the limit of linearisations was reached")
+    if stages.go("error on data held out"):
+        held = held_out(contest, selection)
     fits = _fits(contest, model, selection, held)
-    progress("whether what is left is more than noise")
-    p = p_value(contest, selection.known[selection.present].led_by(fits[-1].end)) if thorough and contest.measurement.sigma is not None else None
+    p = None
+    if contest.measurement.sigma is not None and stages.go("whether what is left is more than noise"):
+        best = selection.known[selection.present]
+        p = p_value(contest, best if selection.small else best.led_by(fits[-1].end))
     proposal = None
     for other in ties.tied:
         proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
     verdict = _verdict(selection, ties, p, fits[-1], contest, confirmed=_confirmed(fits))
     named = None
-    if verdict == "unexplained" and thorough and contest.measurement.rms > 0.0:
-        progress("the force that is missing")
+    if verdict == "unexplained" and contest.measurement.rms > 0.0 and stages.go("the force that is missing"):
         named = name_force(fits[0], fits[-1], selection.effects, catalog)
-    elif thorough and selection.effects:
-        progress("whether a force outside the catalogue would do as well")
+    elif verdict != "unexplained" and selection.effects and stages.go("whether a force outside the catalogue would do as well"):
         named = other_force(fits[0], fits[-1], selection.effects, doubtful=bool(fits[-1].objections(selection.effects)))
         verdict = verdict if named is None else "undecided"
+    if stages.untried and verdict != "unexplained":
+        verdict = "undecided"
     story = Story(model, contest.measurement, compare_vectors(declared, contest.measurement, model), selection.effects, fits, views, (), undriven)
     return Explanation(
         verdict=verdict,
@@ -209,13 +250,36 @@ def _answer(
         max_effects=selection.most,
         catalog=catalog,
         named_force=named,
+        cost=Cost(contest.budget.spent, contest.budget.limit or LINEARISATIONS, tuple(stages.untried)),
     )
 
 
-def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], progress: Progress) -> tuple[Selection, Ties, Noise]:
+class _Stages(NamedTuple):
+    """What is done after the search, as far as the budget reaches."""
+
+    contest: Contest
+    thorough: bool
+    progress: Progress
+    untried: list[str]
+
+    def go(self, what: str) -> bool:
+        """Whether there is budget left for a stage; what is left out is noted."""
+        if not self.thorough:
+            return False
+        if self.contest.budget.exhausted:
+            self.untried.append(what)
+            return False
+        self.progress(what)
+        return True
+
+
+def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages: _Stages) -> tuple[Selection, Ties, Noise]:
     """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the answer."""
-    progress("what else would do as well")
     contest = selection.contest
+    if contest.budget.exhausted:
+        stages.untried.append("what else would do as well")
+    else:
+        stages.progress("what else would do as well")
     noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
     ties = find_ties(contest, selection, noise, catalog)
     better = ties.better(contest, selection.most)
@@ -258,8 +322,8 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
     found, contender = [], selection.known[selection.present]
     for name in selection.small:
         change = change_by(contest, contender, name)
-        size = f"{change / MICROMETRE:.2g} µm rms, {100.0 * change / contest.measurement.rms:.2g} % of what was measured"
-        found.append(Small(name, f"it changes the prediction by {size}" if math.isfinite(change) else "without it no steady motion was found"))
+        noise = noise_size(contest.measurement, selection.races[-1].noise if contest.measurement.sigma is None else contest.floor)
+        found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, less than the noise of {noise / MICROMETRE:.2g} µm"))
     return tuple(found)
 
 
@@ -270,10 +334,9 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
     fits = []
     for step, rms in enumerate(held.rms):
         names = selection.effects[:step]
-        last = step == len(selection.effects)
-        effects: Effects = frozenset(names) | (frozenset(selection.small) if last else frozenset())
+        last, effects = step == len(selection.effects), frozenset(names)
         polished = _polished(contest, selection.known, effects, selection.races[step].noise, last=last)
-        stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)))
+        stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)), contest.budget)
         scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
         fits.append(summarise(stage, polished, rms, held.reason, scatter=scatter))
     return tuple(fits)
@@ -281,16 +344,16 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
 
 def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *, last: bool) -> Round:
     """The best fit of one set, under the noise that it leaves; the ``last`` one under that of the table where it holds within that."""
-    own = known[effects]
+    own = known[effects] if effects in known else race(contest, under, [effects], known)[effects]
     noise = Noise(misfit_left(contest, own, under), contest.floor.scatter)
     again = race(contest, noise, [effects], known)[effects]
     # A descent under another noise may end in another motion: where it came from must not be lost.
     starts = [Start.at(end) for end in (*again.ends[:2], own.best)]
-    every, manner = np.ones((len(starts), len(contest.measurement.run)), bool), contest.manner(POLISHED)
+    every = np.ones((len(starts), len(contest.measurement.run)), bool)
 
     def polish(noise: Noise) -> Round:
         data = contest.data(noise, again.best.point)
-        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, kept=again.best.point, manner=manner))
+        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, budget=contest.budget, kept=again.best.point, manner=POLISHED))
         return Round(noise.allowance, data, best, starts, noise.allowance)
 
     if last and noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:

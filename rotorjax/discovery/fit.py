@@ -10,11 +10,13 @@ from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
 from rotorjax._core import CONVERGED, MICROMETRE, NOT_FINITE, RESULT_TEXT, forget_compiled, require_float64
-from rotorjax.discovery.data import Data, declared_starts, make_data, make_folds, residual_vectors
-from rotorjax.discovery.descent import End, Local, Start, best_of, descend, predict, searched, starts_at
-from rotorjax.discovery.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
+from rotorjax.inference.data import Data, declared_starts, make_data, make_folds, residual_vectors
+from rotorjax.inference.descent import End, Local, Start, best_of, descend, starts_at
+from rotorjax.inference.linearised import Budget
+from rotorjax.inference.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 from rotorjax.space import Entry, Space, make_space, with_company
@@ -103,13 +105,14 @@ class Stage(NamedTuple):
     names: tuple[str, ...]
     free: Bool[np.ndarray, "param"]
     keep: frozenset[str]
+    budget: Budget
 
 
 def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None = None, held_out: bool = True) -> Fit:
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
 
     Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p is
-    normal, with long tails for the size of a force that depends on motion: `rotorjax.discovery.prior`), by Levenberg-Marquardt
+    normal, with long tails for the size of a force that depends on motion: `rotorjax.inference.prior`), by Levenberg-Marquardt
     from every declared start; the best descent wins. Standard errors are the larger of the posterior's and of the
     cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter between runs widens them; with
     fewer than four runs the clusters are single cases, which scatter between runs escapes. σ² is that of the
@@ -162,19 +165,17 @@ def _finite(fitted: Fit) -> Fit:
 
 
 def _stage(model: Model, everything: Model, measurement: Measurement, names: tuple[str, ...], fixed: frozenset[str]) -> Stage:
-    """The model in the company, at their null, of all that may be freed: later effects, uncertain values, relatives."""
+    """The model in the company, at their null, of all that might be freed."""
     require_float64("fit")
     forget_compiled()
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
-    company = uncertain | {e.name for e in everything.effects}
-    for effect in everything.effects:
-        company |= set(type(effect).relatives)
-    classes = CATALOG | {e.name: type(e) for e in everything.effects}
-    # A user's effect may name relatives that nobody handed over.
-    full = with_company(model.with_orders(measurement.orders), company & classes.keys(), classes)
+    own = {e.name: type(e) for e in everything.effects}
+    # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.
+    classes = CATALOG | (TERMS if own.keys() & TERMS.keys() else {}) | own
+    full = with_company(model.with_orders(measurement.orders), classes, classes)
     space = make_space(full, measurement.knowledge)
     keep = frozenset({e.name for e in model.effects} | uncertain)
-    return Stage(space, measurement, names, space.free(list(names), fixed), keep)
+    return Stage(space, measurement, names, space.free(list(names), fixed), keep, Budget())
 
 
 def cross_validated(fitted: Fit) -> Fit:
@@ -182,7 +183,7 @@ def cross_validated(fitted: Fit) -> Fit:
     stage, end = fitted.stage, fitted.end
     data = make_data(stage.measurement, stage.space.model_at(end.point), Noise(fitted.misfit))
     folds, reason = make_folds(stage.measurement, np.einsum("cmp,cmq->cpq", end.local.slopes, end.local.slopes))
-    ends = descend(stage.space, data, [Start.at(end)] * len(folds), stage.free, ~folds) if len(folds) else []
+    ends = descend(stage.space, data, [Start.at(end)] * len(folds), stage.free, ~folds, budget=stage.budget) if len(folds) else []
     return dataclasses.replace(fitted, held_out_rms=_held_out(data, ends, folds), held_out_reason=reason)
 
 
@@ -203,8 +204,6 @@ def _fit(stage: Stage) -> Fit:
         wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
         again = _settle(stage, floor, [Start.at(wide.best)])
         rounds = [now, wide, again]
-        if given := _better_as_given(stage, min(rounds, key=_likeliest)):
-            rounds.append(_settle(stage, floor, [given]))
         now = min(rounds, key=_likeliest)
     return summarise(stage, now, None, "not asked for")
 
@@ -235,19 +234,6 @@ def _likeliest(fitted: Round) -> tuple[bool, float]:
     return fitted.misfit > 0.0, fitted.minus_log_posterior
 
 
-def _better_as_given(stage: Stage, found: Round) -> Start | None:
-    """The values that the model came with and the motion that they cause, where they do better than what was found near the measured motion.
-
-    What holds a rotor still does so at its own motion only: along the noise that was measured in its place it is too much.
-    """
-    m, given = stage.measurement, stage.space.given_unknowns()
-    if not np.any(given[stage.space.timed()]):
-        return None
-    shown = predict(stage.space, m.conditions, given[None])[0]
-    better = np.all(np.isfinite(shown)) and m.rms_of(shown) < m.rms_of(found.best.shown)
-    return searched(stage.space, found.data, given) if better else None
-
-
 def _settle(stage: Stage, allowance: float, starts: list[Start]) -> Round:
     """Rounds until the allowance equals the misfit found."""
     now = _round(stage, allowance, starts, stage.space.model)
@@ -261,7 +247,7 @@ def _settle(stage: Stage, allowance: float, starts: list[Start]) -> Round:
 def _round(stage: Stage, allowance: float, starts: list[Start], model: Model) -> Round:
     data = make_data(stage.measurement, model, Noise(allowance))
     every = np.ones((len(starts), len(stage.measurement.run)), bool)
-    ends = descend(stage.space, data, starts, stage.free, every)
+    ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget)
     best = best_of(ends)
     ended = [Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)]
     left = residual_vectors(best.local.error, data)
@@ -302,10 +288,10 @@ def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, 
 
 def whitened_by_run(local: Local, data: Data) -> list[Local]:
     """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is undone."""
-    random = np.asarray(data.scatter).reshape(*local.error.shape, -1)
+    random = data.scatter
     runs = []
     for run in range(data.run_count):
-        cases = np.asarray(data.run) == run
+        cases = data.run == run
         error, common = local.error[cases].ravel(), random[cases]
         slopes = local.slopes[cases].reshape(len(error), local.slopes.shape[-1])
         if common.shape[-1]:
@@ -322,7 +308,7 @@ def _covariance(best: End, clusters: list[Local]) -> np.ndarray:
     if len(clusters) > 1 and len(posterior):
         scores = np.stack([slope.T @ error for error, slope in clusters])
         small_sample = len(clusters) / (len(clusters) - 1.0)
-        robust = posterior @ (small_sample * scores.T @ scores + np.diag(np.asarray(best.prior.weight))) @ posterior
+        robust = posterior @ (small_sample * scores.T @ scores + np.diag(best.prior.weight)) @ posterior
         growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
         posterior = posterior * growth[:, None] * growth[None, :]
     covariance = np.eye(len(best.point))
@@ -349,7 +335,7 @@ def _held_out(data: Data, again: list[End], folds: np.ndarray) -> float | None:
     squares, cells = 0.0, 0
     for fold, end in zip(folds, again, strict=True):
         squares += float(np.sum(np.abs(residual_vectors(end.local.error, data)[fold]) ** 2))
-        cells += int(np.count_nonzero(np.asarray(data.weight)[fold, :, :, 0]))
+        cells += int(np.count_nonzero(data.weight[fold, :, :, 0]))
     return math.sqrt(squares / cells) if cells else None
 
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from rotorjax.discovery.data import make_folds, residual_vectors
-from rotorjax.discovery.descent import End, Start, best_of, descend
 from rotorjax.discovery.race import Contest, Effects, contender_of
 from rotorjax.discovery.search import NOTHING, PAIRED, PRICE, WORTH_TRYING, Selection, neighbours
+from rotorjax.inference.data import make_folds, residual_vectors
+from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
 
 
 class HeldOut(NamedTuple):
@@ -82,7 +82,7 @@ class _Folds:
         masks = np.stack([self.contest.free(effects) for _, effects, _ in tasks])
         training = np.stack([~self.folds[fold] for fold, _, _ in tasks])
         starts = [start for *_, start in tasks]
-        found = descend(self.contest.space, self.data, starts, masks, training, manner=self.contest.manner())
+        found = descend(self.contest.space, self.data, starts, masks, training, budget=self.contest.budget, manner=QUICK)
         for (fold, effects, _), end in zip(tasks, found, strict=True):
             self.ends[fold][effects] = best_of([end, *([self.ends[fold][effects]] if effects in self.ends[fold] else [])])
 

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from rotorjax.discovery.fit import Fit, cross_validated, fit_rivals
 from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
 from rotorjax.discovery.missing_force import MissingForce, missing_force
-from rotorjax.discovery.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS, with_gap
+from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, RPM, numpy_pair
-from rotorjax.discovery.descent import End, predict
-from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contest
+from rotorjax.inference.descent import End
+from rotorjax.inference.noise import Noise
+from rotorjax.inference.prediction import predict
 from rotorjax.inverse import NEAR_PEAK, resonances_rpm
 from rotorjax.measurement import is_half_order
 from rotorjax.model import Conditions
@@ -21,8 +22,6 @@ MOST_RUNS = 5
 """Runs tried: those that differ most from one another in what is installed."""
 TELLING = 2.0
 """Standard errors by which predictions must differ for a reading to be worth proposing."""
-STEP = 1e-3
-"""Step of the difference quotients, in prior scales."""
 BARE, TRIAL = "a run with nothing installed", "a run with nothing but a trial weight of {:g} g mm at 0° (first plane)"
 
 
@@ -103,8 +102,7 @@ def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def _prediction(contest: Contest, conditions: Conditions, end: End) -> tuple[np.ndarray, Float[np.ndarray, "case cell free"]]:
     """Vectors, and how the uncertainty of the free unknowns spreads them (a factor of their covariance)."""
-    steps = STEP * np.eye(len(end.point))[end.free]
-    shown = predict(contest.space, conditions, np.concatenate([end.point[None], end.point + steps]))
-    slopes = numpy_pair(shown[1:] - shown[0]).reshape(len(steps), len(shown[0]), -1) / STEP
-    root = np.linalg.cholesky(np.linalg.inv(end.curvature)) if len(steps) else np.zeros((0, 0))
-    return shown[0], np.einsum("fci,fg->cig", slopes, root)
+    near = None if end.motions is None else (np.asarray(contest.measurement.conditions.speed), end.motions)
+    found = predict(contest.space, conditions, end.point, budget=contest.budget, near=near, free=end.free)
+    root = np.linalg.cholesky(np.linalg.inv(end.curvature)) if len(end.free) else np.zeros((0, 0))
+    return found.shown, found.slopes @ root

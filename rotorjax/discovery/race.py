@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import NamedTuple, get_args
 
@@ -10,30 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax.discovery.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.discovery.descent import HOPELESS, LEAST_POINTS, QUICK, End, Manner, Start, descend, predict, searched, starts_at
-from rotorjax.discovery.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.effects import CATALOG
+from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
+from rotorjax.inference.descent import HOPELESS, QUICK, End, Manner, Start, best_of, descend, starts_at
+from rotorjax.inference.linearised import Budget
+from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.measurement import Measurement
 from rotorjax.model import AbstractRotor, Effect, Family, Instant, Model, RestoringEffect
 from rotorjax.space import Space, make_space, with_company
 
 MOST_STARTS, MOST_PARENTS = 8, 2
 """Starts of one set of effects, and known neighbours whose optima they come from."""
-MOST_LOST = 4
-"""Sets for which no motion was found that are fitted near the leader's."""
-MOST_ROUGH = 2
-"""Optima that are kept of forces laid along the measured motion."""
-SIZES = (0.5, 1.0, 2.0, 4.0)
-"""Of a force, in what fits best along the measured motion, from which on it is fitted with motions that were searched for."""
-OTHER_SIZES = 2.0 ** (np.array([*range(-8, 0), *range(1, 9)]) / 4.0)
-"""Of a force, in what its descent ended at: a resonance between two sizes bars a descent's way, and is narrower than half of them."""
-MOST_RESIZED = 4
-"""Forces of which other sizes are tried."""
-MOST_LEFT = 0.3
-"""Of what is left without a force, the part that it leaves at most for other sizes of it to be tried."""
-KINDRED_ROUNDS = 3
-"""Most rounds among kindred sets: what leads after one has other kin."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
 NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
@@ -42,9 +29,6 @@ NOISE_CHANGE = 0.05
 """Relative change of the noise below which it stands."""
 NONE_ODDS = 0.5
 """Prior probability that nothing is missing; the rest is shared by family, then by member."""
-
-WIDE = 0.05
-"""Noise, in the size of what was measured, from which on forces that depend on motion are only laid along the measured motion."""
 
 Effects = frozenset[str]
 """A hypothesis: the names of the effects that are there."""
@@ -79,6 +63,7 @@ class Contest:
     """Prior odds of each candidate's presence."""
     training: Bool[np.ndarray, "case"]
     """Cases that count."""
+    budget: Budget
     floor: Noise = NO_NOISE
     """Noise beside the table's that is known to be there."""
 
@@ -98,15 +83,6 @@ class Contest:
     def free(self, effects: Effects) -> Bool[np.ndarray, "param"]:
         """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""
         return self.space.free(list(effects))
-
-    @cached_property
-    def widest(self) -> int:
-        """Unknowns that the largest single effect frees."""
-        return max((int(self.free(frozenset([name])).sum()) for name in self.candidates), default=0)
-
-    def manner(self, manner: Manner = QUICK) -> Manner:
-        """How to descend: with room for the largest single effect, whatever is fitted."""
-        return manner._replace(batch=QUICK.batch, width=self.widest)
 
     def lean(self, sets: Iterable[Effects], chosen: Effects, near: Iterable[str]) -> list[Effects]:
         """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at most or as many.
@@ -173,7 +149,9 @@ def _check_force(cls: type[RestoringEffect], rotor: AbstractRotor) -> None:
             raise ValueError(f"{cls.name}: its force on a rotor at rest is {force}; keep it finite there, zero over zero included")
 
 
-def make_contest(model: Model, measurement: Measurement, candidates: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Contest:
+def make_contest(
+    model: Model, measurement: Measurement, candidates: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG, budget: Budget | None = None
+) -> Contest:
     """All candidates at their null beside the model's own effects; odds by family, then by member.
 
     Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
@@ -185,7 +163,7 @@ def make_contest(model: Model, measurement: Measurement, candidates: Iterable[st
     shown = tuple(name for name in possible if any(e.effect == name for e in space.entries))
     families = {family: [n for n in shown if catalog[n].family == family] for family in {catalog[n].family for n in shown}}
     odds = {n: (1.0 - NONE_ODDS) / NONE_ODDS / len(families) / len(members) for members in families.values() for n in members}
-    return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool))
+    return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool), budget or Budget())
 
 
 Known = dict[Effects, Contender]
@@ -197,22 +175,24 @@ def race(
 ) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
-    Those without forces that depend on motion first: the others have to come near them. **Arguments:** ``reference``: where the influence of
-    what scatters between runs is taken; by default at the most probable that is known.
+    **Arguments:** ``reference``: where the influence of what scatters between runs is taken; by default at the most probable that is known.
     """
     wanted = list(dict.fromkeys(hypotheses))
     if not wanted:
         return {}
     if reference is None:
         reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
-    data = contest.data(noise, reference)
-    timed = contest.timed
-    found: dict[Effects, list[End]] = {}
-    for group in ([h for h in wanted if not h & timed], [h for h in wanted if h & timed]):
-        beat = {effects: min((end.cost for end in found.get(effects - timed, [])), default=math.inf) for effects in group}
-        best = min((end.cost for ends in found.values() for end in ends), default=math.inf)
-        found |= _fitted(contest, data, group, known, beat, best, contest.manner(manner))
-    return {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in found.items()}
+    starts, masks, owner = [], [], []
+    for effects in wanted:
+        mask = contest.free(effects)
+        for start in _starts(contest, effects, mask, known):
+            starts.append(start)
+            masks.append(mask)
+            owner.append(effects)
+    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
+    ends = descend(contest.space, contest.data(noise, reference), starts, np.stack(masks), training, budget=contest.budget, manner=manner)
+    groups = {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
+    return {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in groups.items()}
 
 
 def _misfit_numbers(contest: Contest, noise: Noise) -> int | None:
@@ -220,29 +200,10 @@ def _misfit_numbers(contest: Contest, noise: Noise) -> int | None:
     return contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
 
 
-def _fitted(
-    contest: Contest, data: Data, wanted: list[Effects], known: Known, beat: Mapping[Effects, float], best: float, manner: Manner
-) -> dict[Effects, list[End]]:
-    """Ends of all descents of each set; ``beat``: what each has to beat, as in `Start`; ``best``: the least cost known of others."""
-    starts, masks, owner = [], [], []
-    for effects in wanted:
-        mask = contest.free(effects)
-        for start in _starts(contest, effects, mask, known):
-            starts.append(start._replace(beat=beat[effects], least=best))
-            masks.append(mask)
-            owner.append(effects)
-    if not starts:
-        return {}
-    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, starts, np.stack(masks), training, manner=manner)
-    return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
-
-
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[Start]:
     """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
     if effects in known:
-        ends = known[effects].ends
-        return [Start.at(end) for end in (ends if ends[0].exact else ends[:MOST_ROUGH])]
+        return [Start.at(end) for end in known[effects].ends]
     near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
     parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if effects & contest.timed else MOST_PARENTS]]
     starts: list[Start] = []
@@ -262,20 +223,20 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) 
 
 
 def contender_of(effects: Effects, ends: list[End], unknown_noise: int | None) -> Contender:
-    """Distinct optima, and the evidence summed over them.
+    """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else none.
 
     Laplace: -cost - ½ log det H, H in units of the priors. ``unknown_noise``: number n of independent data where
     the noise is a misfit of unknown size; it is then marginalised (Jeffreys prior), -(n/2) log(2 cost / n).
     """
     distinct: list[End] = []
     for end in sorted(ends, key=lambda end: end.cost):
-        if not math.isfinite(end.cost):
+        if not math.isfinite(end.cost) or not end.exact:
             continue
         gaps = [(end.point - other.point)[end.free] for other in distinct]
         if all(gap @ end.curvature @ gap > DISTINCT**2 for gap in gaps) or not distinct:
             distinct.append(end)
     if not distinct:
-        return Contender(effects, tuple(ends[:1]), -math.inf)
+        return Contender(effects, (best_of(ends),), -math.inf)
     terms = []
     for end in distinct:
         cost = end.cost if unknown_noise is None else 0.5 * unknown_noise * math.log(max(2.0 * end.cost / unknown_noise, 1e-300))
@@ -292,137 +253,32 @@ class Race(NamedTuple):
 
 
 def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise) -> Race:
-    """Race hypotheses again and again until the misfit allowed for is what the winner leaves.
+    """Race hypotheses until the misfit allowed for is what the winner leaves.
 
-    The noise is common to all, so that the evidence compares what they predict and not how much each may miss. It begins
-    wide and comes down, not below the floor: a wide one lets no hypothesis be dragged into a corner by data that it
-    cannot meet. In a wide first round forces that depend on motion are only laid along the measured motion.
-    **Arguments:** ``noise``: where to begin.
+    Under the noise that is known, if one holds within that. Else again and again: the noise is common to all, so that the evidence
+    compares what they predict and not how much each may miss. It begins wide and comes down, not below the floor: a wide one lets no
+    hypothesis be dragged into a corner by data that it cannot meet. **Arguments:** ``noise``: where to begin.
     """
     wanted = list(dict.fromkeys(hypotheses))
+    if contest.measurement.sigma is not None:
+        exact = race(contest, contest.floor, wanted, known)
+        leader = _leader(contest, exact, wanted)
+        if misfit_left(contest, exact[leader], contest.floor) == contest.floor.allowance:
+            return Race(contest.floor, exact, leader)
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    rough, sought = noise.allowance > WIDE * contest.measurement.rms, False
-    found = {**known, **race(contest, noise, wanted, known, QUICK._replace(first_order=rough))}
+    found = {**known, **race(contest, noise, wanted, known)}
     for _ in range(NOISE_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
-        if _same(quiet, noise) and not rough:
-            found.update({} if sought else _sought(contest, noise, wanted, found) | _resized(contest, noise, wanted, found))
-            if sought or _leader(contest, found, wanted) == leader:
-                break
-            sought = True
-            continue
-        rough = False
+        if _same(quiet, noise):
+            break
         noise = quiet
         best = found[leader].log_evidence
         # What was hopeless under more noise stays so under less.
         near = [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS]
         found.update(race(contest, noise, near, found))
-    for _ in range(KINDRED_ROUNDS):
-        leader = _leader(contest, found, wanted)
-        found.update(_kindred(contest, noise, wanted, found))
-        if _leader(contest, found, wanted) == leader:
-            break
-    stuck = noise.allowance > 0.0 and _leader(contest, found, wanted) == min(wanted, key=len)
-    if stuck and contest.floor == NO_NOISE and contest.measurement.sigma is not None:
-        # A set that holds within the table's noise explains more than the smallest one that needs a misfit of its own size.
-        known_noise = {**found, **race(contest, contest.floor, wanted, found)}
-        leader = _leader(contest, known_noise, wanted)
-        if misfit_left(contest, known_noise[leader], contest.floor) == contest.floor.allowance:
-            noise, found = contest.floor, known_noise
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))
-
-
-def _sought(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
-    """Sets for which no motion was found near the measured one, from motions searched for at several sizes of their forces; those that gain.
-
-    What nearly holds a rotor leaves motions in the noise: along those it is far too strong, and what it must be is more than it seems.
-    """
-    leader = _leader(contest, found, wanted)
-    limit = max(found[effects].log_evidence for effects in wanted) - HOPELESS
-    lost = [h for h in wanted if h & contest.timed and not found[h].best.exact and found[h].log_evidence > limit]
-    if not lost:
-        return {}
-    data, starts = contest.data(noise, found[leader].best.point), []
-    for effects in sorted(lost, key=lambda effects: -contest.log_posterior(found[effects]))[:MOST_LOST]:
-        point = found[effects].best.point
-        strengths = contest.space.strengths(effects & contest.timed)
-        for size in SIZES if np.any(point[strengths]) else ():
-            sized = point.copy()
-            sized[strengths] *= size
-            start = searched(contest.space, data, sized)
-            starts += [(effects, start._replace(least=found[leader].best.cost))] if np.all(np.isfinite(np.asarray(start.motions))) else []
-    return _gained(contest, noise, starts, found, leader, lambda end: end.exact)
-
-
-def _resized(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
-    """Sets with one force that depends on motion which explains much, from the size of it that fits best if that is another than it ended at; those that gain.
-
-    A resonance on the way from a weak force to a strong one holds a descent back. The most probable sets with each such force.
-    """
-    m, space, starts = contest.kept_measurement(), contest.space, []
-    tried: Effects = frozenset()
-    leader = _leader(contest, found, wanted)
-    for effects in sorted(wanted, key=lambda effects: -contest.log_posterior(found[effects])):
-        force, end = effects & contest.timed, found[effects].best
-        without = found.get(effects - force)
-        if len(force) != 1 or force & tried or not end.exact or without is None or len(tried) == MOST_RESIZED:
-            continue
-        tried |= force
-        missed = m.rms_of(end.shown)
-        if missed > MOST_LEFT * m.rms_of(without.best.shown):
-            continue
-        points = np.stack([np.where(space.strengths(force), end.point * size, end.point) for size in OTHER_SIZES])
-        shown = np.concatenate([predict(space, m.conditions, some) for some in np.split(points, range(LEAST_POINTS, len(points), LEAST_POINTS))])
-        misses = np.array([m.rms_of(one) for one in shown])
-        if np.nanmin(misses, initial=math.inf) < missed:
-            starts.append((effects, searched(space, contest.data(noise, end.point), points[np.nanargmin(misses)])))
-    return _gained(contest, noise, starts, found, leader, lambda end: end.exact)
-
-
-def _gained(
-    contest: Contest, noise: Noise, starts: list[tuple[Effects, Start]], found: Known, leader: Effects, counts: Callable[[End], bool] = lambda _: True
-) -> Known:
-    """Sets fitted again from other starts, as far as ends count; those that gain."""
-    if not starts:
-        return {}
-    masks = np.stack([contest.free(effects) for effects, _ in starts])
-    training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    data = contest.data(noise, found[leader].best.point)
-    ends = descend(contest.space, data, [start for _, start in starts], masks, training, manner=contest.manner())
-    groups: dict[Effects, list[End]] = {}
-    for (effects, _), end in zip(starts, ends, strict=True):
-        if counts(end):
-            groups.setdefault(effects, []).append(end)
-    again = {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in groups.items()}
-    return {effects: contender for effects, contender in again.items() if contender.log_evidence > found[effects].log_evidence}
-
-
-def _kindred(contest: Contest, noise: Noise, wanted: list[Effects], found: Known) -> Known:
-    """Sets that share forces depending on motion with the leader, fitted from where it ended: its parts, and those with one such force for another.
-
-    What both name alike is alike: a rub without friction is a stop. While much was missing a descent may have ended without it, or, where
-    friction is strong, found no motion; then also sets with the same such forces, near the leader's motion, which is the measured one without its noise.
-    Those that gain.
-    """
-    leader = _leader(contest, found, wanted)
-    best, entries = found[leader].best, contest.space.entries
-    values = {(e.effect, e.label): e.scale * best.point[e.unknown] for e in entries}
-    alike_forces = [effects for effects in wanted if leader & contest.timed and effects & contest.timed == leader & contest.timed]
-    lost = sorted((effects for effects in alike_forces if not found[effects].best.exact), key=lambda effects: found[effects].best.cost)[:MOST_LOST]
-    kin = {effects: Start.at(best)._replace(point=found[effects].best.point) for effects in lost if best.exact}
-    for effects in wanted:
-        gone, new = leader - effects, effects - leader
-        point = np.where(contest.free(effects) & contest.free(leader), best.point, contest.space.given_unknowns())
-        if len(gone) == len(new) == 1 and gone | new <= contest.timed:
-            (lost,) = gone
-            alike = [e for e in entries if e.effect in new and (lost, e.label) in values]
-            point[[e.unknown for e in alike]] = [values[lost, e.label] / e.scale for e in alike]
-            kin |= {effects: Start.at(best)._replace(point=point)} if alike else {}
-        elif gone and not new and effects & contest.timed:
-            kin[effects] = Start.at(best)._replace(point=point)
-    return _gained(contest, noise, list(kin.items()), found, leader)
 
 
 def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
@@ -436,8 +292,7 @@ def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Nois
         if _same(after, noise):
             break
         noise = after
-        # One that leads is worth a search for its motion, where it was laid along the measured one only.
-        contender = race(contest, noise, [contender.effects], {contender.effects: contender}, QUICK._replace(search=True))[contender.effects]
+        contender = race(contest, noise, [contender.effects], {contender.effects: contender})[contender.effects]
     return noise, contender
 
 

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.discovery.descent import best_of, descend, starts_at
 from rotorjax.discovery.fit import Fit
-from rotorjax.discovery.noise import Noise
+from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
+from rotorjax.inference.descent import best_of, descend, starts_at
+from rotorjax.inference.noise import Noise
 
 TIE = 3.0
 """Difference in log posterior below which two explanations are not told apart by the data."""
@@ -60,7 +60,7 @@ def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str
     starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
     null = np.where(own, 0.0, space.given_unknowns())
     training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)
-    best = best_of(descend(space, data, starts_at(np.where(free, starts, null)), free, training, kept=null))
+    best = best_of(descend(space, data, starts_at(np.where(free, starts, null)), free, training, budget=fitted.stage.budget, kept=null))
     left = residual_vectors(best.local.error, data)[fitted.stage.measurement.present]
     rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
     return Rival(name, instead, rms, best.cost - fitted.end.cost)

@@ -7,20 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.descent import predict
-from rotorjax.discovery.noise import Noise
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, Race, settle, with_floor
+from rotorjax.inference.noise import Noise
+from rotorjax.inference.prediction import predict
+from rotorjax.measurement import Measurement
 
 DETECTED = 0.05
 """Probability of "none" below which an effect counts as detected."""
 PRICE = math.log((1.0 - DETECTED) / DETECTED)
 """The same in log odds."""
-MATTERS = 0.01
-"""Share of the rms response that an effect must change to matter."""
 PAIRED = 8
 """Best effects of a race of which all pairs are tried."""
 WORTH_TRYING = 40.0
 """Log evidence behind the best on all data up to which an effect may win beside others, or on a part of the data."""
+WIDE = 0.1
+"""Misfit that the search begins with, in the size of what was measured."""
 MOST_SMALL = 3
 """Effects that are detected without mattering, at most."""
 NOTHING: Effects = frozenset()
@@ -45,7 +46,7 @@ class Selection(NamedTuple):
     effects: tuple[str, ...]
     """Detected, and they matter; in the order added."""
     small: tuple[str, ...]
-    """Detected, but they change the prediction too little to matter."""
+    """Detected, but they change the prediction by less than the noise."""
     most: int
     """How many effects were to be added at most."""
     races: tuple[Race, ...]
@@ -76,7 +77,7 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
     go. **Arguments:** ``most`` effects at most.
     """
     table: Known = {}
-    start = settle(contest, [NOTHING], table, _wide(contest, table))
+    start = settle(contest, [NOTHING], table, _wide(contest))
     contest = with_floor(contest, start.contenders[NOTHING], start.noise)
     table.update(start.contenders)
     noise, present, small = start.noise, NOTHING, NOTHING
@@ -90,10 +91,11 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
         none = next(r.probability for r in leader if r.effect == "none")
         # Where several share what "none" lacks, the best of them must be detected by itself.
         alone = max((r.probability for r in leader if r.effect != "none"), default=0.0)
-        if none >= DETECTED or alone * DETECTED < none * (1.0 - DETECTED) or len(present) >= most:
+        done = none >= DETECTED or alone * DETECTED < none * (1.0 - DETECTED)
+        if done or len(present) >= most or contest.budget.exhausted:
             return _told(contest, most, present, small, table, seen)
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
-        if not matters(contest, table[present | small | {added}], added):
+        if not matters(contest, table[present | small | {added}], added, race.noise):
             if len(small) >= MOST_SMALL:
                 return _told(contest, most, present, small, table, seen)
             small |= {added}
@@ -102,7 +104,7 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
         chosen, noise = present | {added}, race.noise
         if noise.allowance > contest.floor.allowance or len(chosen) > 1:
             chosen, noise = _refined(contest, chosen, small, race, table, most)
-            slight = frozenset(name for name in chosen if not matters(contest, table[chosen | small], name))
+            slight = frozenset(name for name in chosen if not matters(contest, table[chosen | small], name, noise))
             chosen, small = chosen - slight, small | slight
         if chosen in tried:
             return _told(contest, most, present, small, table, seen)
@@ -111,9 +113,9 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
         contest = with_floor(contest, table[present | small], noise)
 
 
-def _wide(contest: Contest, table: Known) -> Noise:
-    """A misfit to begin with: the size of what was measured, or less where the neighbourhood is known."""
-    return Noise((0.1 if table else 1.0) * max(contest.measurement.rms, 1e-9))
+def _wide(contest: Contest) -> Noise:
+    """A misfit to begin with."""
+    return Noise(WIDE * max(contest.measurement.rms, 1e-9))
 
 
 def forward(contest: Contest, base: Effects, table: Known, noise: Noise) -> Race:
@@ -171,7 +173,7 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
     """The story of a set: its effects in the order in which each next one brings the most, with the race at every step."""
     order: list[str] = []
     races: list[Race] = []
-    noise = _wide(contest, table)
+    noise = _wide(contest)
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
@@ -191,15 +193,25 @@ def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     return _told(selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen)
 
 
-def matters(contest: Contest, contender: Contender, name: str) -> bool:
-    """Whether the prediction without this effect differs by more than the tolerance and 1 % of the rms response, or has no steady motion."""
+def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> bool:
+    """Whether the prediction without this effect differs by more than the noise, or has no steady motion.
+
+    **Arguments:** ``noise`` that counts where the table does not say it.
+    """
     m = contest.measurement
-    return not change_by(contest, contender, name) <= max(m.knowledge.tolerance, MATTERS) * m.rms
+    return not change_by(contest, contender, name) <= noise_size(m, noise if m.sigma is None else contest.floor)
+
+
+def noise_size(measurement: Measurement, noise: Noise) -> float:
+    """Root mean square |z| of pure noise over the cells [m]: the table's, the tolerance of the model, and what is added to them."""
+    weight = measurement.weights(noise.allowance)
+    return float(np.sqrt(np.sum(1.0 / weight[weight > 0.0] ** 2) / max(1, np.count_nonzero(measurement.present))))
 
 
 def change_by(contest: Contest, contender: Contender, name: str) -> float:
     """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found without it."""
-    m = contest.measurement
-    without = np.where(contest.only_of([name]), 0.0, contender.best.point)
-    here, there = contender.best.shown, predict(contest.space, m.conditions, without[None])[0]
-    return float(np.sqrt(np.mean(np.abs((here - there)[m.present]) ** 2)))
+    m, best = contest.measurement, contender.best
+    without = np.where(contest.only_of([name]), 0.0, best.point)
+    near = None if best.motions is None else (np.asarray(m.conditions.speed), best.motions)
+    there = predict(contest.space, m.conditions, without, budget=contest.budget, near=near).shown
+    return float(np.sqrt(np.mean(np.abs((best.shown - there)[m.present]) ** 2)))

@@ -11,16 +11,18 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax._core import numpy_pair
-from rotorjax.discovery.data import half_order_sign
-from rotorjax.discovery.descent import HOPELESS, TIMED_HOPELESS, End
-from rotorjax.discovery.noise import Noise
-from rotorjax.discovery.prior import prior_at, together
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
+from rotorjax.inference.data import half_order_sign
+from rotorjax.inference.descent import HOPELESS, End
+from rotorjax.inference.noise import Noise
+from rotorjax.inference.prior import prior_at, together
 from rotorjax.measurement import is_half_order
 from rotorjax.model import Effect
 
+TIMED_HOPELESS = 40.0
+"""The same as `HOPELESS` for sets with forces that depend on motion."""
 SCALES = (1.0 / 3.0, 3.0)
 """Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
 NEAR = 15.0
@@ -82,7 +84,6 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], winner), winner)]
     found.update({h: selection.known[h] for h in every if h in selection.known})
     found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
-    found.update(_each_alone(contest, noise, winner, every, found))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
@@ -98,21 +99,6 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner)
-
-
-def _each_alone(contest: Contest, noise: Noise, winner: Contender, every: list[Effects], found: Known) -> Known:
-    """Sets far behind, with one force that depends on motion for another, fitted once more from every start of theirs and each by itself; those that gain.
-
-    In the race many such sets are judged by their force along the measured motion, and one that follows what leads has lost its way to
-    another motion: as a rival of the answer each has a descent of its own.
-    """
-    gained: Known = {}
-    for effects in every:
-        exchanged = effects ^ winner.effects
-        if exchanged <= contest.timed and found[effects].log_evidence < winner.log_evidence - NEAR:
-            alone = race(contest, noise, [effects], {}, reference=winner.best.point)[effects]
-            gained |= {effects: alone} if alone.log_evidence > found[effects].log_evidence else {}
-    return gained
 
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:
@@ -154,8 +140,7 @@ def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:
     m = contest.measurement
     weight = m.weights(noise.allowance)
     here, there = numpy_pair(one.shown), numpy_pair(other.shown)
-    sign = half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders]))
-    gap = weight * (here - np.asarray(sign) * there)
+    gap = weight * (here - half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders])) * there)
     return float(np.sqrt(np.mean(gap[weight > 0.0] ** 2))) if np.any(weight) else 0.0
 
 
@@ -180,8 +165,8 @@ def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
     """Log evidence, with what wider prior scales would give back of what large values cost it and not the winner."""
 
     def given_back(end: End) -> float:
-        unknowns, parts = jnp.asarray(end.point[end.free]), together(contest.space.open_size[end.free])
-        return float(prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost)
+        unknowns, parts = end.point[end.free], together(np.asarray(contest.space.open_size)[end.free])
+        return prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost
 
     return other.log_evidence + max(0.0, given_back(other.best) - given_back(winner.best))
 

@@ -24,6 +24,7 @@ LAYERS = [
     {"conditioned"},
     {"space"},
     {"inverse"},
+    {"inference"},
     {"discovery"},
     {"plots", "report", "answer", "pictures", "catalogue", "data"},
     {"paper"},

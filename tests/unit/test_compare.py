@@ -7,8 +7,8 @@ import pytest
 
 from rotorjax import Conditions, Jeffcott, Knowledge, Measurement, Model, Probes, compare, effects, fit, response
 from rotorjax.discovery.compare import compare_vectors
-from rotorjax.discovery.data import make_folds
-from rotorjax.discovery.noise import NO_NOISE, run_floor, scatter_share
+from rotorjax.inference.data import make_folds
+from rotorjax.inference.noise import NO_NOISE, run_floor, scatter_share
 from rotorjax.measurement import cluster_speeds
 
 

@@ -1,38 +1,37 @@
 """A measurement as compiled code wants it, what to leave out of it, and where descents begin."""
 
 import itertools
+import math
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import AnyArray, numpy_pair
-from rotorjax.discovery.noise import Noise, scatter_factor
+from rotorjax._core import numpy_pair
+from rotorjax.inference.noise import Noise, scatter_factor
 from rotorjax.inverse import fault_sensitivity
 from rotorjax.measurement import Measurement, is_half_order
-from rotorjax.model import Conditions, Model
+from rotorjax.model import Model
 from rotorjax.space import Space
 from rotorjax.steady import without_timed
 
 MAX_STARTS = 32
 MAX_FOLDS, LEAST_RUN_FOLDS = 5, 4
-LEAST_CASES, LEAST_RUNS = 16, 4
-"""Smallest sizes that are compiled: see `size_class`."""
 
 
 class Data(NamedTuple):
-    """A measurement as the compiled code wants it."""
+    """A measurement in units of its noise."""
 
-    conditions: Conditions
-    pairs: Float[AnyArray, "case probe order 2"]
-    weight: Float[AnyArray, "case probe order 2"]
-    half_order: Bool[AnyArray, "order"]
-    run: Int[AnyArray, "case"]
-    scatter: Float[AnyArray, "case probe order 2 latent"]
-    """Whitened sensitivity to the random unbalance and bow of the case's run; zero if there is none."""
+    speed: Float[np.ndarray, "case"]
+    """[rad/s], with what is installed: see `rotorjax.model.Conditions`."""
+    unbalance: Float[np.ndarray, "case plane dof"]
+    bow: Float[np.ndarray, "case dof"]
+    pairs: Float[np.ndarray, "case probe order 2"]
+    weight: Float[np.ndarray, "case probe order 2"]
+    half_order: Bool[np.ndarray, "order"]
+    run: Int[np.ndarray, "case"]
+    scatter: Float[np.ndarray, "case cell latent"]
+    """Whitened sensitivity to the random unbalance and bow of the case's run; without any none."""
     run_count: int
 
 
@@ -47,51 +46,18 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     if np.any(factor):
         slopes = fault_sensitivity(without_timed(model), measurement.conditions)
         scatter = weight[..., None] * np.einsum("cpokd,cdl->cpokl", slopes, factor[measurement.run])
+        scatter = scatter.reshape(len(weight), -1, scatter.shape[-1])
     else:
-        scatter = np.zeros((*weight.shape, 0))
+        scatter = np.zeros((len(weight), math.prod(weight.shape[1:]), 0))
+    at = measurement.conditions
     return Data(
-        measurement.conditions,
-        jnp.asarray(numpy_pair(measurement.vectors)),
-        jnp.asarray(weight),
-        jnp.asarray(np.array([is_half_order(order) for order in measurement.orders])),
-        jnp.asarray(measurement.run),
-        jnp.asarray(scatter),
-        len(measurement.runs),
-    )
-
-
-def filled(data: Data) -> Data:
-    """Cases filled up with copies of the last that weigh nothing, to one of a few sizes."""
-    cases = len(data.run)
-    more = size_class(cases, LEAST_CASES) - cases
-
-    def repeat(values: AnyArray) -> np.ndarray:
-        array = np.asarray(values)
-        return np.concatenate([array, np.repeat(array[-1:], more, axis=0)])
-
-    def nothing(values: AnyArray) -> np.ndarray:
-        array = np.asarray(values)
-        return np.concatenate([array, np.zeros((more, *array.shape[1:]))])
-
-    return Data(
-        jax.tree.map(repeat, data.conditions), repeat(data.pairs), nothing(data.weight), data.half_order, repeat(data.run), nothing(data.scatter),
-        size_class(data.run_count, LEAST_RUNS),
+        np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), numpy_pair(measurement.vectors), weight,
+        np.array([is_half_order(order) for order in measurement.orders]), measurement.run, scatter, len(measurement.runs),
     )  # fmt: skip
 
 
-def size_class(count: int, least: int) -> int:
-    """The next of ``least`` times 1, 1.5, 2, 3, 4, 6, 8, 12, 16, ..."""
-    size = least
-    while size < count:
-        half = size + size // 2
-        if count <= half:
-            return half
-        size *= 2
-    return size
-
-
 def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float) -> Float[np.ndarray, "start param"]:
-    """Where to begin: the null, the values given, every start that a free effect declares, then combinations, at most `MAX_STARTS`.
+    """Where to begin: the values given, every start that a free effect declares, then combinations, at most `MAX_STARTS`.
 
     **Arguments:** ``reach``: largest displacement measured [m], where starts are relative to it; the sag under the weight comes on top where
     order 0 was not measured.
@@ -108,7 +74,8 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
             options.append([{entries[name].unknown: value * unit.get(name, 1.0) for name, value in start.items()} for start in type(effect).starts])
     first = [chosen[0] for chosen in options]
     singly = [[*first[:k], other, *first[k + 1 :]] for k, chosen in enumerate(options) for other in chosen[1:]]
-    starts = [np.where(free, space.given_unknowns(), 0.0)]
+    given = np.where(free, space.given_unknowns(), 0.0)
+    starts = [given] if np.any(given) else []
     for combination in itertools.chain([first], singly, itertools.product(*options)):
         start = np.zeros(len(space.entries))
         for unknown, value in ((u, v) for chosen in combination for u, v in chosen.items()):
@@ -146,14 +113,19 @@ def _rank(information: Float[np.ndarray, "param param"]) -> int:
     return int(np.count_nonzero(np.linalg.eigvalsh(information) > 1e-2)) if len(information) else 0
 
 
-def half_order_sign(model: AnyArray, measured: AnyArray, weight: AnyArray, half_order: AnyArray) -> Float[Array, "case 1 order 1"]:
+def half_order_sign(
+    model: Float[np.ndarray, "case probe order 2"],
+    measured: Float[np.ndarray, "case probe order 2"],
+    weight: Float[np.ndarray, "case probe order 2"],
+    half_order: Bool[np.ndarray, "order"],
+) -> Float[np.ndarray, "case 1 order 1"]:
     """The sign, one per case, that brings a measured half order nearer to the model; one for whole orders."""
-    along = jnp.sum(weight**2 * model * measured, axis=(1, 3), keepdims=True)
-    return jnp.where(half_order[None, None, :, None] & (along < 0.0), -1.0, 1.0)
+    along = np.sum(weight**2 * model * measured, axis=(1, 3), keepdims=True)
+    return np.where(half_order[None, None, :, None] & (along < 0.0), -1.0, 1.0)
 
 
 def residual_vectors(error: Float[np.ndarray, "case cell"], data: Data) -> Complex[np.ndarray, "case probe order"]:
     """Model minus measured [m] from the residual in standard errors, zero where nothing was measured."""
-    weight = np.asarray(data.weight)
+    weight = data.weight
     pairs = np.divide(error.reshape(weight.shape), weight, out=np.zeros(weight.shape), where=weight > 0.0)
     return pairs[..., 0] + 1j * pairs[..., 1]

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
-from jax import Array
+import numpy as np
 from jaxtyping import Float, Int
 
 USUAL = 3.0
@@ -13,18 +12,18 @@ USUAL = 3.0
 class Prior(NamedTuple):
     """The prior at one point."""
 
-    cost: Float[Array, ""]
+    cost: float
     """Minus the logarithm of its density, in that of the normal distribution at its peak."""
-    weight: Float[Array, "free"]
+    weight: Float[np.ndarray, "free"]
     """Its gradient is the weight times the unknowns; one over the square root of the weight is how wide it is there."""
 
 
-def together(open_size: Int[Array, "free"]) -> Float[Array, "free free"]:
+def together(open_size: Int[np.ndarray, "free"]) -> Float[np.ndarray, "free free"]:
     """1 where two unknowns are parts of the same open size, itself included; rows of zeros for the others. **Arguments:** as in `Space.open_size`."""
     return ((open_size[:, None] == open_size[None]) & (open_size >= 0)[:, None]).astype(float)
 
 
-def prior_at(unknowns: Float[Array, "free"], parts: Float[Array, "free free"]) -> Prior:
+def prior_at(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 
     A standard normal for each; but the size r = |u| of a force that depends on motion, or of a probe's saturation, has a tail by a power, as
@@ -40,7 +39,7 @@ def prior_at(unknowns: Float[Array, "free"], parts: Float[Array, "free free"]) -
     **Arguments:** ``unknowns``; ``parts``: as `together` makes them.
     """
     count = parts.sum(axis=1)
-    far = jnp.maximum(parts @ unknowns**2 / USUAL**2, 1.0)
-    tail = 0.5 * USUAL**2 * (1.0 + jnp.log(far)) / jnp.maximum(count, 1.0)
-    each = jnp.where(far > 1.0, tail, 0.5 * unknowns**2)
-    return Prior(each.sum(), 1.0 / far)
+    far = np.maximum(parts @ unknowns**2 / USUAL**2, 1.0)
+    tail = 0.5 * USUAL**2 * (1.0 + np.log(far)) / np.maximum(count, 1.0)
+    each = np.where(far > 1.0, tail, 0.5 * unknowns**2)
+    return Prior(float(each.sum()), 1.0 / far)

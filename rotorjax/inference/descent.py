@@ -1,0 +1,424 @@
+"""Least squares for motion and parameters together, from many starts, on many subsets of the cases: Levenberg-Marquardt.
+
+Where forces depend on motion a descent begins with the motion that was measured, which need not balance, and the balance is enforced
+more and more strictly as it goes on (`rotorjax.inference.linearised`). No equation of motion is solved on the way, so that none can
+fail; at the end the balance is exact, or the cases are named in which it is not.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from rotorjax._core import COARSE, CONVERGED, FINE, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Tolerance
+from rotorjax.inference.data import Data
+from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
+from rotorjax.inference.prior import Prior, prior_at, together
+from rotorjax.space import Space
+
+HOPELESS = 300.0
+"""Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
+FIRST_MOTION = 10.0
+"""Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
+LARGEST_DAMPING = 1e8
+BALANCED = 0.3
+"""Standard errors by which the reading of a motion may be off what balance would make of it."""
+
+
+class Manner(NamedTuple):
+    """How exactly a descent ends, and how it goes there."""
+
+    tolerance: Tolerance
+    most_steps: int = 100
+    most_stalled: int = 16
+    """Steps in a row that gain nothing."""
+    first_freedom: float = 0.1
+    """Of motions in the beginning, in the largest displacement measured."""
+    firmer: float = 0.3
+    """What is left of that freedom after every step that lowers the cost."""
+    firm: float = 0.1
+    """Freedom in the vectors, in standard errors, from which on there is none."""
+    lenient: float = 0.05
+    """Relative rise of the cost that does not count while motions do not balance."""
+    largest_step: float = 1.0
+    """Of the motion of a case, in its size."""
+    rivals: int = 3
+    """Starts of the same fit that go on once their motions balance."""
+    patience: int = 6
+    """Steps after which a start may be given up for others of the same fit, or for what is better by far."""
+
+
+THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=60)
+"""For estimates; and for ranking many hypotheses."""
+
+
+class Local(NamedTuple):
+    """Residual in standard errors and its slopes by the free unknowns, in their order."""
+
+    error: Float[np.ndarray, "*case cell"]
+    slopes: Float[np.ndarray, "*case cell param"]
+
+
+class End(NamedTuple):
+    """Where one descent ended."""
+
+    point: Float[np.ndarray, "param"]
+    cost: float
+    free: Int[np.ndarray, "free"]
+    """The unknowns that were free."""
+    curvature: Float[np.ndarray, "free free"]
+    """Hessian of the cost by those; of large sizes that are left open, the prior's weight in the place of its second derivative."""
+    prior: Prior
+    """The prior there, of the unknowns that were free."""
+    local: Local
+    """On all cases, whichever were trained on."""
+    shown: Complex[np.ndarray, "case probe order"]
+    """What the model shows there [m]."""
+    motions: Float[np.ndarray, "near speed dof wide"] | None
+    """The motions found, where orders depend on one another."""
+    steps: int
+    result: int
+    exact: bool
+    """False where motions are left that do not balance."""
+
+    @property
+    def data_cost(self) -> float:
+        """The cost without the prior's: values many prior scales large may still be right."""
+        return self.cost - self.prior.cost
+
+    @property
+    def hessian(self) -> Float[np.ndarray, "param param"]:
+        """Hessian by all unknowns; those that were not free have their prior's."""
+        full = np.eye(len(self.point))
+        full[np.ix_(self.free, self.free)] = self.curvature
+        return full
+
+    @property
+    def prior_width(self) -> Float[np.ndarray, "param"]:
+        """How wide the prior is there, of all unknowns: one but for large sizes that are left open."""
+        full = np.ones(len(self.point))
+        full[self.free] = 1.0 / np.sqrt(self.prior.weight)
+        return full
+
+
+class Start(NamedTuple):
+    """Where a descent begins; the motions there where orders depend on one another and they are known."""
+
+    point: Float[np.ndarray, "param"]
+    motions: Float[np.ndarray, "near speed dof wide"] | None = None
+
+    @classmethod
+    def at(cls, end: End) -> "Start":
+        """Where another descent ended."""
+        return cls(end.point, end.motions if end.exact else None)
+
+
+def starts_at(points: Float[np.ndarray, "start param"]) -> list[Start]:
+    """Starts of which nothing else is known."""
+    return [Start(point) for point in points]
+
+
+def descend(  # noqa: PLR0913
+    space: Space,
+    data: Data,
+    starts: Sequence[Start],
+    free: Bool[np.ndarray, "*start param"],
+    training: Bool[np.ndarray, "start case"],
+    *,
+    budget: Budget,
+    kept: Float[np.ndarray, "param"] | None = None,
+    shift: Float[np.ndarray, "start case cell"] | None = None,
+    manner: Manner = THOROUGH,
+) -> list[End]:
+    """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
+
+    Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
+    it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
+    that. **Returns** one `End` per start.
+    """
+    lin = Linearisation(space, data, budget)
+    free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
+    points = np.where(free, np.stack([start.point for start in starts]), space.given_unknowns() if kept is None else kept)
+    timed = [lin.timed(point, own) for point, own in zip(points, free, strict=True)]
+    known = [start.motions is not None for start in starts]
+    fresh = first_motions(lin, [point for point, orders, near in zip(points, timed, known, strict=True) if orders and not near])
+    running = []
+    for k, start in enumerate(starts):
+        task = _Task(np.flatnonzero(free[k]), np.asarray(training[k], bool), None if shift is None else shift[k])
+        motions = start.motions if known[k] else fresh.pop(0) if timed[k] else None
+        running.append(_Descent(lin, task, manner, Point(points[k], motions if timed[k] else None, known[k]), known=known[k]))
+    kinds = [(d.task.free.tobytes(), d.task.training.tobytes()) for d in running]
+    while going := [d for d in running if not d.done]:
+        if budget.exhausted and all(d.here is not None for d in going):
+            break
+        for one, there in zip(going, lin.at([d.trial for d in going], [d.task.free for d in going]), strict=True):
+            one.advance(there)
+        if shift is None:
+            _give_up(running, kinds, manner)
+    return [d.end() for d in running]
+
+
+def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner) -> None:
+    """End descents that others have left far behind, by costs of motions that balance only."""
+    for cases in {kind[1] for kind in kinds}:
+        own = [d for d, kind in zip(running, kinds, strict=True) if kind[1] == cases]
+        best = min((d.cost for d in own if d.settled), default=math.inf)
+        for one in own:
+            one.give_up(one.patient and one.data_cost > best + HOPELESS)
+    for kind in set(kinds):
+        rivals = [d for d, other in zip(running, kinds, strict=True) if other == kind]
+        if len(rivals) > 1:
+            ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
+            for place, one in enumerate(ranked):
+                one.give_up(one.patient and (place >= manner.rivals or any(one.joins(other) for other in ranked[:place])))
+
+
+def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) -> list[Float[np.ndarray, "case speed dof wide"]]:
+    """Motions that show what was measured, and balance the rotor without forces that depend on motion as nearly as that allows.
+
+    A single linear solve for each point.
+    """
+    plain = [np.where(lin.space.timed(), 0.0, point) for point in points]
+    distinct = list({point.tobytes(): point for point in plain}.values())
+    if not distinct:
+        return []
+    none, rest = np.zeros(0, int), np.zeros((*lin.speeds.shape, 2, lin.kernels.wide))
+    every = _Task(none, np.ones(lin.cases, bool), None)
+    reach = max(float(np.abs(lin.data.pairs).max()), 1e-9)
+    noise = 1.0 / max(float(np.median(lin.data.weight[lin.data.weight > 0.0])), 1e-300)
+    known = {}
+    for one in lin.at([Point(point, rest) for point in distinct], [none] * len(distinct)):
+        step = _Normal(lin, one, every, FIRST_MOTION * max(reach, noise)).motion_step(np.zeros(0))
+        known[one.point.unknowns.tobytes()] = lin.moved(one, step)
+    return [known[point.tobytes()] for point in plain]
+
+
+class _Task(NamedTuple):
+    """What sets one descent apart from the others."""
+
+    free: Int[np.ndarray, "free"]
+    training: Bool[np.ndarray, "case"]
+    shift: Float[np.ndarray, "case cell"] | None
+
+
+class _Normal:
+    """The normal equations of one linearisation under one freedom of the motions, what scatters between runs integrated out."""
+
+    def __init__(self, lin: Linearisation, one: Linearised, task: _Task, freedom: float) -> None:
+        self.one, self.task, self.freedom = one, task, freedom if one.freedom is not None else 0.0
+        counted = task.training[:, None]
+        error = (one.error if task.shift is None else one.error + task.shift) * counted
+        slopes, scatter = one.slopes * counted[..., None], lin.data.scatter * counted[..., None]
+        self._factor = None
+        if self.freedom > 0.0 and one.freedom is not None:
+            reach = self.freedom * one.freedom.reach * counted[..., None]
+            self._factor = np.linalg.cholesky(np.eye(reach.shape[1]) + reach @ np.swapaxes(reach, 1, 2))
+            error = np.linalg.solve(self._factor, error[..., None])[..., 0]
+            slopes, scatter = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, scatter)
+        self._error, self._slopes = error, slopes
+        self.cost = 0.5 * float(np.sum(error**2))
+        size = slopes.shape[-1]
+        flat = slopes.reshape(error.size, size)
+        self.gradient, self.hessian = flat.T @ error.ravel(), flat.T @ flat
+        self._scatter, self._run = None, lin.data.run
+        if scatter.shape[-1]:
+            member = (lin.data.run[:, None] == np.arange(lin.data.run_count)).astype(float)
+            inner = np.eye(scatter.shape[-1]) + np.einsum("cr,cml,cmk->rlk", member, scatter, scatter, optimize=True)
+            score = np.einsum("cr,cml,cm->rl", member, scatter, error, optimize=True)
+            cross = np.einsum("cr,cml,cmp->rlp", member, scatter, slopes, optimize=True)
+            self._scatter, self._inner, self._score, self._cross = scatter, inner, score, cross
+            solved = np.linalg.solve(inner, np.concatenate([score[..., None], cross], axis=-1))
+            self.cost -= 0.5 * float(np.sum(score * solved[..., 0]))
+            self.gradient = self.gradient - np.einsum("rlp,rl->p", cross, solved[..., 0])
+            self.hessian = self.hessian - np.einsum("rlp,rlq->pq", cross, solved[..., 1:])
+
+    def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "case motion"]:
+        """How the motions move with a step of the parameters."""
+        free = self.one.freedom
+        assert free is not None
+        moved = -(free.newton + free.newton_slopes @ step)
+        if self._factor is not None:
+            left = self._error + self._slopes @ step
+            if self._scatter is not None:
+                random = np.linalg.solve(self._inner, (self._score + self._cross @ step)[..., None])[..., 0]
+                left = left - np.einsum("cml,cl->cm", self._scatter, random[self._run])
+            pull = np.linalg.solve(np.swapaxes(self._factor, 1, 2), left[..., None])[..., 0] * self.task.training[:, None]
+            force = self.freedom**2 * np.einsum("cmi,cm->ci", free.reach, pull)
+            moved = moved - np.einsum("cij,cj->ci", free.by_force, force)
+        return moved
+
+
+@dataclasses.dataclass
+class _Descent:
+    """One descent under way."""
+
+    lin: Linearisation
+    task: _Task
+    manner: Manner
+    trial: Point
+    known: dataclasses.InitVar[bool]
+    cost: float = math.inf
+    steps: int = 0
+    done: bool = False
+    result: int = MAX_STEPS
+
+    def __post_init__(self, known: bool) -> None:
+        self.timed = self.trial.motions is not None
+        self.freedom = 0.0 if known or not self.timed else self.manner.first_freedom * self._reach()
+        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
+        self.here: Linearised | None = None
+        self.prior = Prior(0.0, np.ones(len(self.task.free)))
+        self.normal: _Normal | None = None
+        self.since = self.stalled = 0
+
+    def _reach(self) -> float:
+        return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
+
+    @property
+    def data_cost(self) -> float:
+        """The cost without the prior's."""
+        return self.cost - self.prior.cost
+
+    @property
+    def settled(self) -> bool:
+        """Whether the cost is that of motions that balance."""
+        return self.here is not None and self.freedom == 0.0 and self._off() < BALANCED and math.isfinite(self.cost)
+
+    @property
+    def patient(self) -> bool:
+        """Whether it was given its steps."""
+        return self.freedom == 0.0 and self.since >= self.manner.patience
+
+    def give_up(self, hopeless: bool) -> None:
+        """End it where it stands."""
+        self.done = self.done or hopeless
+
+    def joins(self, other: "_Descent") -> bool:
+        """Whether it comes to where another is."""
+        if other.normal is None or not other.settled:
+            return False
+        gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] if self.here and other.here else np.ones(1)
+        return bool(gap @ (other.normal.hessian + np.diag(other.prior.weight)) @ gap < 1.0)
+
+    def _off(self) -> float:
+        freedom = None if self.here is None else self.here.freedom
+        return 0.0 if freedom is None else float(np.max(freedom.off[self.task.training], initial=0.0))
+
+    def advance(self, there: Linearised) -> None:
+        """Take the trial or leave it, and propose the next one."""
+        self.steps += 1
+        self.since += self.freedom == 0.0
+        before, first = self.cost, self.here is None or there.point.refined != self.here.point.refined
+        taken = self._take(there, first)
+        if self.here is None or self.normal is None:
+            self.result, self.done = NOT_FINITE, True
+            return
+        if taken and not first:
+            self.damping, self.cap = max(0.1 * self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
+        elif not taken:
+            self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
+        if taken:
+            self._firmer()
+        decrement = self._propose()
+        limit = self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost
+        fall = before - self.cost if taken and not first else 0.0
+        self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
+        fallen = taken and not first and fall <= limit and self.damping < 1e-2
+        if self.damping > LARGEST_DAMPING or self.steps >= self.manner.most_steps or self.stalled >= self.manner.most_stalled:
+            self.done = True
+        elif self.freedom == 0.0 and self._off() < BALANCED / 3.0 and (decrement <= limit or fallen):
+            self._arrived()
+
+    def _take(self, there: Linearised, first: bool) -> bool:
+        """Go on from a trial, if it is better."""
+        if not there.finite:
+            return False
+        normal = _Normal(self.lin, there, self.task, self.freedom)
+        prior = prior_at(there.point.unknowns[self.task.free], self.parts)
+        cost = normal.cost + prior.cost
+        if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
+            return False
+        self.here, self.normal, self.prior, self.cost = there, normal, prior, cost
+        return True
+
+    def _slack(self) -> float:
+        """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
+        limit = self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost
+        return float(limit if self.settled else limit + self.manner.lenient * self.cost)
+
+    def _firmer(self) -> None:
+        """Less freedom of the motions, and the cost as it is then."""
+        if self.freedom == 0.0 or self.here is None or self.here.freedom is None:
+            return
+        size = float(np.max(np.linalg.norm(self.here.freedom.reach, axis=2)[self.task.training], initial=0.0))
+        enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
+        while self.freedom > 0.0:
+            self.freedom *= self.manner.firmer
+            self.freedom = 0.0 if self.freedom * size < self.manner.firm else self.freedom
+            self.normal = _Normal(self.lin, self.here, self.task, self.freedom)
+            self.cost = self.normal.cost + self.prior.cost
+            # More than enough freedom explains anything, and leaves the parameters to their prior.
+            if self.normal.cost > enough:
+                break
+
+    def _arrived(self) -> None:
+        """At an end; where orders depend on one another once more with more of them."""
+        assert self.here is not None
+        if self.timed and not self.here.point.refined:
+            self.trial = self.here.point._replace(refined=True)
+            self.since = 0
+        else:
+            self.result, self.done = CONVERGED, True
+
+    def _propose(self) -> float:
+        """The next trial. **Returns** the fall of the cost that a step without damping promises."""
+        assert self.here is not None
+        assert self.normal is not None
+        free, point = self.task.free, self.here.point
+        unknowns, step = point.unknowns.copy(), np.zeros(len(free))
+        gradient = self.normal.gradient + self.prior.weight * unknowns[free]
+        hessian = self.normal.hessian + np.diag(self.prior.weight)
+        decrement = 0.0
+        if len(free):
+            scale = 1.0 / np.sqrt(np.diag(hessian))
+            scaled = hessian * scale[:, None] * scale[None]
+            downhill = scale * gradient
+            decrement = 0.5 * float(downhill @ np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill))
+            step = -scale * np.linalg.solve(scaled + self.damping * np.eye(len(free)), downhill)
+        unknowns[free] += step
+        motions = None
+        if self.timed:
+            change = self.normal.motion_step(step)
+            size = np.linalg.norm(np.asarray(point.motions).reshape(len(change), -1), axis=1)
+            most = self.cap * np.maximum(size, 0.1 * self._reach())
+            change *= np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None]
+            motions = self.lin.moved(self.here, change)
+        self.trial = Point(unknowns, motions, point.refined)
+        return decrement
+
+    def end(self) -> End:
+        """Where it is now."""
+        lin, here, free = self.lin, self.here, self.task.free
+        if here is None or not math.isfinite(self.cost):
+            shape = lin.data.pairs.shape
+            nothing = Local(np.full((lin.cases, math.prod(shape[1:])), np.nan), np.zeros((lin.cases, math.prod(shape[1:]), len(free))))
+            shown, prior = np.full(shape[:-1], np.nan + 0j), Prior(0.0, np.ones(len(free)))
+            return End(self.trial.unknowns, math.inf, free, np.eye(len(free)), prior, nothing, shown, None, self.steps, NOT_FINITE, False)
+        normal = self.normal if self.freedom == 0.0 and self.normal else _Normal(lin, here, self.task, 0.0)
+        curvature = normal.hessian + np.diag(self.prior.weight)
+        error = here.error if self.task.shift is None else here.error + self.task.shift
+        exact = not self.timed or (self._off() < BALANCED and here.point.refined)
+        motions = None if here.freedom is None else here.freedom.followed
+        return End(
+            here.point.unknowns, normal.cost + self.prior.cost, free, curvature, self.prior, Local(error, here.slopes), lin.vectors(here.shown),
+            motions, self.steps, self.result, exact,
+        )  # fmt: skip
+
+
+def best_of(ends: list[End]) -> End:
+    """The descent that ended lowest: among those whose motions balance, if there are."""
+    return min(ends, key=lambda end: (not math.isfinite(end.cost), not end.exact, end.cost))
