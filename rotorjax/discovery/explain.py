@@ -276,12 +276,16 @@ class _Stages(NamedTuple):
 def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages: _Stages) -> tuple[Selection, Ties, Noise]:
     """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the answer."""
     contest = selection.contest
+    noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
     if contest.budget.exhausted:
         stages.untried.append("what else would do as well")
-    else:
-        stages.progress("what else would do as well")
-    noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
+        return selection, Ties((), (), selection.known[selection.present]), noise
+    stages.progress("what else would do as well")
     ties = find_ties(contest, selection, noise, catalog)
+    if contest.budget.exhausted:
+        # What was linearised once only says nothing.
+        stages.untried.append("part of what else would do as well")
+        return selection, ties._replace(tied=(), contains=()), noise
     better = ties.better(contest, selection.most)
     if better is None:
         return selection, ties, noise

@@ -182,6 +182,17 @@ def race(
         return {}
     if reference is None:
         reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
+    data, found = contest.data(noise, reference), {}
+    # The smaller sets first: the larger ones begin where those ended.
+    for size in sorted({len(effects) for effects in wanted}):
+        level = [effects for effects in wanted if len(effects) == size]
+        for effects, ends in _fitted(contest, data, level, {**known, **found}, manner).items():
+            found[effects] = contender_of(effects, ends, _misfit_numbers(contest, noise))
+    return found
+
+
+def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, manner: Manner) -> dict[Effects, list[End]]:
+    """Ends of all descents of each set."""
     starts, masks, owner = [], [], []
     for effects in wanted:
         mask = contest.free(effects)
@@ -190,9 +201,8 @@ def race(
             masks.append(mask)
             owner.append(effects)
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, contest.data(noise, reference), starts, np.stack(masks), training, budget=contest.budget, manner=manner)
-    groups = {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
-    return {effects: contender_of(effects, group, _misfit_numbers(contest, noise)) for effects, group in groups.items()}
+    ends = descend(contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=manner)
+    return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
 
 def _misfit_numbers(contest: Contest, noise: Noise) -> int | None:

@@ -23,7 +23,7 @@ HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
 FIRST_MOTION = 10.0
 """Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
-LARGEST_DAMPING = 1e8
+LARGEST_DAMPING = 1e4
 BALANCED = 0.3
 """Standard errors by which the reading of a motion may be off what balance would make of it."""
 
@@ -33,12 +33,13 @@ class Manner(NamedTuple):
 
     tolerance: Tolerance
     most_steps: int = 100
-    most_stalled: int = 16
+    most_stalled: int = 12
     """Steps in a row that gain nothing."""
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
-    firmer: float = 0.3
-    """What is left of that freedom after every step that lowers the cost."""
+    firmer: tuple[float, ...] = (0.5, 0.3, 0.7)
+    """What is left of that freedom after every step that lowers the cost; where motions get stuck off balance they are given it again,
+    to go on with the next of these."""
     firm: float = 0.1
     """Freedom in the vectors, in standard errors, from which on there is none."""
     lenient: float = 0.05
@@ -51,7 +52,7 @@ class Manner(NamedTuple):
     """Steps after which a start may be given up for others of the same fit, or for what is better by far."""
 
 
-THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=60)
+THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=80)
 """For estimates; and for ranking many hypotheses."""
 
 
@@ -273,7 +274,7 @@ class _Descent:
         self.here: Linearised | None = None
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
         self.normal: _Normal | None = None
-        self.since = self.stalled = 0
+        self.since = self.stalled = self.loosened = 0
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
@@ -328,9 +329,11 @@ class _Descent:
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
         fallen = taken and not first and fall <= limit and self.damping < 1e-2
-        if self.damping > LARGEST_DAMPING or self.steps >= self.manner.most_steps or self.stalled >= self.manner.most_stalled:
+        if self.steps >= self.manner.most_steps:
             self.done = True
-        elif self.freedom == 0.0 and self._off() < BALANCED / 3.0 and (decrement <= limit or fallen):
+        elif self.damping > LARGEST_DAMPING or self.stalled >= self.manner.most_stalled:
+            self._loosen()
+        elif self.freedom == 0.0 and self._off() < BALANCED and (decrement <= limit or fallen):
             self._arrived()
 
     def _take(self, there: Linearised, first: bool) -> bool:
@@ -357,13 +360,22 @@ class _Descent:
         size = float(np.max(np.linalg.norm(self.here.freedom.reach, axis=2)[self.task.training], initial=0.0))
         enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         while self.freedom > 0.0:
-            self.freedom *= self.manner.firmer
+            self.freedom *= self.manner.firmer[self.loosened]
             self.freedom = 0.0 if self.freedom * size < self.manner.firm else self.freedom
             self.normal = _Normal(self.lin, self.here, self.task, self.freedom)
             self.cost = self.normal.cost + self.prior.cost
             # More than enough freedom explains anything, and leaves the parameters to their prior.
             if self.normal.cost > enough:
                 break
+
+    def _loosen(self) -> None:
+        """Where it is stuck off balance, freedom for the motions once more; elsewhere the end."""
+        self.done = self.loosened + 1 >= len(self.manner.firmer) or not self.timed or (self._off() < BALANCED and self.here.point.refined)
+        if not self.done:
+            self.loosened += 1
+            self.freedom, self.damping, self.cap, self.stalled = self.manner.first_freedom * self._reach(), FIRST_DAMPING, self.manner.largest_step, 0
+            self._firmer()
+            self._propose()
 
     def _arrived(self) -> None:
         """At an end; where orders depend on one another once more with more of them."""
@@ -392,13 +404,16 @@ class _Descent:
         unknowns[free] += step
         motions = None
         if self.timed:
-            change = self.normal.motion_step(step)
-            size = np.linalg.norm(np.asarray(point.motions).reshape(len(change), -1), axis=1)
-            most = self.cap * np.maximum(size, 0.1 * self._reach())
-            change *= np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None]
-            motions = self.lin.moved(self.here, change)
+            motions = self._capped(self.normal.motion_step(step))
         self.trial = Point(unknowns, motions, point.refined)
         return decrement
+
+    def _capped(self, change: Float[np.ndarray, "case motion"]) -> Float[np.ndarray, "case speed dof wide"]:
+        """The motions after a step that is no longer than a share of each."""
+        assert self.here is not None
+        size = np.linalg.norm(np.asarray(self.here.point.motions).reshape(len(change), -1), axis=1)
+        most = self.cap * np.maximum(size, 0.1 * self._reach())
+        return self.lin.moved(self.here, change * np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None])
 
     def end(self) -> End:
         """Where it is now."""

@@ -9,11 +9,12 @@ import pytest
 
 from rotorjax import Conditions, Explanation, Knowledge, effects, explain
 from rotorjax.answer import explanation_json, explanation_text, notes, sentence
-from rotorjax.discovery import bootstrap, descent
+from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.discovery.race import contender_of
 from rotorjax.effects import CATALOG
+from rotorjax.inference import kernels
 from rotorjax.measurement import Uncertain
 from rotorjax.model import RestoringEffect, WaveformEffect
 
@@ -138,16 +139,18 @@ def test_verdict_and_table_are_of_one_fit(monkeypatch):
     assert kept.story.last.rms < 0.1 * kept.story.declared.rms
 
 
-def test_two_measurements_of_one_size_compile_once(monkeypatch):
-    """Another file, another rig, other names of runs and probes: the same compiled program."""
+def test_measurements_of_any_size_compile_once(monkeypatch):
+    """Another file with fewer runs, another rig, other names of runs and probes: the same compiled programs."""
     model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
     explain(model, measurement, thorough=False)
     traced = []
-    whole = descent._quadratic
-    monkeypatch.setattr(descent, "_quadratic", lambda *arguments: traced.append(1) or whole(*arguments))
+    for name in ("linear_vectors", "_cells"):
+        whole = getattr(kernels, name)
+        monkeypatch.setattr(kernels, name, lambda *arguments, whole=whole: traced.append(1) or whole(*arguments))
     other, second, _ = hidden.sufficient(effects.MassError, seed=2, machine=hidden.Machine(2.0, (2e5, 1.9e5), (0.02, 0.04)))
     renamed = dataclasses.replace(other, layout=other.layout._replace(probes=("left", "right")))
-    explain(renamed, dataclasses.replace(second, runs=("first", "second"), probes=("left", "right")), thorough=False)
+    fewer = dataclasses.replace(cut(second, [0, 1, 2, 4, 5]), probes=("left", "right"))
+    explain(renamed, fewer, thorough=False)
     assert not traced
 
 
@@ -200,17 +203,23 @@ def test_no_effect_beyond_those_allowed():
         explain(model, measurement, only=("magic",))
 
 
-def test_a_part_that_has_no_share_is_named_small():
-    """Runout of a hundredth of its scale is detected among micrometres of response, but does not matter."""
+def test_what_is_below_the_noise_is_named_small():
+    """Runout of less than the noise of one reading is detected in many, but changes the prediction by less than the noise."""
     model, measurement, _ = hidden.sufficient(effects.Runout, seed=4, factor=0.02)
-    quiet = dataclasses.replace(measurement, sigma=measurement.sigma / 30.0)
-    noise = 0.01e-6 * np.random.default_rng(0).standard_normal((*measurement.vectors.shape, 2))
-    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.unique(np.asarray(measurement.conditions.speed))), sigma=0.0)
-    clean = hidden.measure(hidden.Machine(), plan, {"runout": [1e-7, -1e-7, 1e-7, 1e-7]}, np.random.default_rng(0))
-    found = explain(model, dataclasses.replace(quiet, vectors=clean + noise[..., 0] + 1j * noise[..., 1]), thorough=False)
+    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.linspace(60.0, 500.0, 40)), sigma=0.0)
+    clean = hidden.measure(hidden.Machine(), plan, {"runout": [8e-9, -8e-9, 8e-9, 8e-9]}, np.random.default_rng(0))
+    noise = 0.01e-6 * np.random.default_rng(0).standard_normal((*clean.shape, 2))
+    run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
+    unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
+    measured = dataclasses.replace(
+        measurement, run=run, repeat=("",) * len(run), conditions=Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance),
+        vectors=clean + noise[..., 0] + 1j * noise[..., 1], present=np.ones(clean.shape, bool), sigma=np.full(clean.shape, 0.01e-6),
+    )  # fmt: skip
+    found = explain(model, measured, thorough=False)
     assert found.effects == ()
     assert [small.effect for small in found.detected_but_small] == ["runout"]
     assert found.verdict == "nothing missing"
+    assert all(fitted.free == () for fitted in found.story.fits)
 
 
 def half_order_data(signs: np.ndarray, *, size: float = 30e-6):
