@@ -102,7 +102,7 @@ def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def _prediction(contest: Contest, conditions: Conditions, end: End) -> tuple[np.ndarray, Float[np.ndarray, "case cell free"]]:
     """Vectors, and how the uncertainty of the free unknowns spreads them (a factor of their covariance)."""
-    near = None if end.motions is None else (np.asarray(contest.measurement.conditions.speed), end.motions)
+    near = (contest.measurement.conditions, end.motions)
     found = predict(contest.space, conditions, end.point, budget=contest.budget, near=near, free=end.free)
     root = np.linalg.cholesky(np.linalg.inv(end.curvature)) if len(end.free) else np.zeros((0, 0))
     return found.shown, found.slopes @ root

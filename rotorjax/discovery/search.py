@@ -212,6 +212,5 @@ def change_by(contest: Contest, contender: Contender, name: str) -> float:
     """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found without it."""
     m, best = contest.measurement, contender.best
     without = np.where(contest.only_of([name]), 0.0, best.point)
-    near = None if best.motions is None else (np.asarray(m.conditions.speed), best.motions)
-    there = predict(contest.space, m.conditions, without, budget=contest.budget, near=near).shown
+    there = predict(contest.space, m.conditions, without, budget=contest.budget, near=(m.conditions, best.motions)).shown
     return float(np.sqrt(np.mean(np.abs((best.shown - there)[m.present]) ** 2)))

@@ -24,7 +24,7 @@ from rotorjax.response import linear_vectors
 from rotorjax.space import Space
 from rotorjax.steady import Ready, without_timed
 
-CHUNK, COLUMNS = 64, 4
+CHUNK, COLUMNS = 32, 4
 """Rows evaluated together, and unknowns by which slopes are taken in one go."""
 
 

@@ -39,13 +39,13 @@ def predict(
     point: Float[np.ndarray, "param"],
     *,
     budget: Budget,
-    near: tuple[Float[np.ndarray, "_"], Float[np.ndarray, "near speed dof wide"]] | None = None,
+    near: tuple[Conditions, Float[np.ndarray, "near speed dof wide"] | None] | None = None,
     free: Int[np.ndarray, "free"] | None = None,
 ) -> Prediction:
     """What the model shows at some unknowns.
 
-    **Arguments:** ``near``: speeds of motions known at about these unknowns [rad/s], and those motions: where orders depend on one another
-    each case begins with that of the nearest speed, then with that of the linear rotor; ``free``: unknowns by which slopes are wanted.
+    **Arguments:** ``near``: conditions of motions known at about these unknowns, and those motions: where orders depend on one another
+    each case begins with that of the nearest condition, then with that of the linear rotor; ``free``: unknowns by which slopes are wanted.
     """
     layout = space.model.layout
     lin = Linearisation(space, conditions_data(conditions, len(layout.probes), len(layout.orders)), budget)
@@ -54,9 +54,8 @@ def predict(
         (one,) = lin.at([Point(point, None)], [wanted])
         return Prediction(lin.vectors(one.shown), one.slopes)
     starts = []
-    if near is not None:
-        nearest = np.argmin(np.abs(lin.data.speed[:, None] - near[0][None]), axis=1)
-        starts.append(near[1][nearest])
+    if near is not None and near[1] is not None:
+        starts.append(near[1][_nearest(conditions, near[0])])
     starts.append(_linear_motions(lin, point))
     shown, slopes = np.full((lin.cases, lin.data.pairs[0].size), np.nan), np.full((lin.cases, lin.data.pairs[0].size, len(wanted)), np.nan)
     for motions in starts:
@@ -66,6 +65,15 @@ def predict(
         if np.isfinite(shown).all():
             break
     return Prediction(lin.vectors(shown), slopes)
+
+
+def _nearest(wanted: Conditions, known: Conditions) -> Int[np.ndarray, "case"]:
+    """Index of the known condition that is nearest to each that is wanted: in speed, and in what is installed, each in its largest size."""
+    distance = np.zeros((len(np.asarray(wanted.speed)), len(np.asarray(known.speed))))
+    for one, other in ((wanted.speed, known.speed), (wanted.unbalance, known.unbalance), (wanted.bow, known.bow)):
+        here, there = (np.asarray(values).reshape(len(np.asarray(values)), -1) for values in (one, other))
+        distance += np.linalg.norm(here[:, None] - there[None], axis=2) / max(float(np.abs(there).max()), 1e-300)
+    return np.argmin(distance, axis=1)
 
 
 def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Float[np.ndarray, "case speed dof wide"]:

@@ -1,0 +1,153 @@
+"""Motion and parameters fitted together: kernels against the response, descents against the truth, the count of linearisations."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rotorjax import Jeffcott, Model, effects, response
+from rotorjax.discovery import bootstrap
+from rotorjax.discovery.race import make_contest, race
+from rotorjax.effects import CATALOG
+from rotorjax.inference.data import declared_starts, make_data
+from rotorjax.inference.descent import QUICK, THOROUGH, Start, best_of, descend, starts_at
+from rotorjax.inference.linearised import Budget, Linearisation, Point
+from rotorjax.inference.noise import NO_NOISE
+from rotorjax.inference.prediction import predict
+from rotorjax.space import Space, make_space, with_company
+
+import hidden
+import hidden_forces
+
+ORDERS = (1.0, 2.0)
+
+
+def space_of(model: Model, measurement) -> Space:
+    return make_space(with_company(model.with_orders(measurement.orders), CATALOG, CATALOG), measurement.knowledge)
+
+
+def unknowns_at(space: Space, **values: float) -> np.ndarray:
+    """Unknowns at which entries, ``effect__label``, have these values in SI."""
+    point = np.zeros(len(space.entries))
+    for key, value in values.items():
+        entry = next(e for e in space.entries if (e.effect, e.label) == tuple(key.split("__")))
+        point[entry.unknown] = value / entry.scale
+    return point
+
+
+@pytest.fixture(scope="module")
+def spring():
+    """A cubic spring, integrated in time: model, measurement, space, data, true value."""
+    model, measurement, (true,) = hidden_forces.sufficient(effects.Duffing, seed=5)
+    space = space_of(model, measurement)
+    return model, measurement, space, make_data(measurement, space.model, NO_NOISE), true
+
+
+def test_without_forces_on_the_motion_one_step_is_exact(spring):
+    """From any motion at all, with slow roll subtracted or not, the balance gives what the closed form gives."""
+    model, measurement, *_ = spring
+    for slow_roll in (None, 20.0):
+        own = dataclasses.replace(model, slow_roll=slow_roll)
+        space = space_of(own, measurement)
+        lin = Linearisation(space, make_data(measurement, space.model, NO_NOISE), Budget())
+        point = unknowns_at(space, residual_unbalance__unbalance_x_kg_m=1e-5, cross_coupling__cross_stiffness_n_per_m=500.0)
+        free = np.flatnonzero(space.free(["residual_unbalance", "cross_coupling", "probe_gain"]))
+        anywhere = 1e-5 * np.random.default_rng(0).standard_normal((*lin.speeds.shape, 2, lin.kernels.wide))
+        (off,) = lin.at([Point(point, anywhere)], [free])
+        assert off.freedom is not None
+        plain, balanced = lin.at([Point(point, None), Point(point, lin.moved(off, -off.freedom.newton))], [free, free])
+        np.testing.assert_allclose(off.shown, plain.shown, rtol=1e-9, atol=1e-16)
+        np.testing.assert_allclose(balanced.shown, plain.shown, rtol=1e-9, atol=1e-16)
+        np.testing.assert_allclose(balanced.slopes, plain.slopes, rtol=1e-7, atol=1e-7 * np.abs(plain.slopes).max())
+
+
+def test_slopes_are_those_of_the_response(spring):
+    """At a motion that balances, the slopes are the derivative of the response, motion and all."""
+    _, measurement, space, data, true = spring
+    free = np.flatnonzero(space.free(["duffing", "residual_unbalance"]))
+    point = unknowns_at(space, duffing__cubic_n_per_m3=true)
+    every = np.ones((1, len(measurement.run)), bool)
+    (end,) = descend(space, data, [Start(point)], np.zeros(len(point), bool), every, budget=Budget(), kept=point)
+    assert end.exact
+    lin = Linearisation(space, data, Budget())
+    (one,) = lin.at([Point(point, end.motions, refined=True)], [free])
+    step = 1e-4
+    for column, unknown in enumerate(free):
+        moved = [predict(space, measurement.conditions, point + side * step * np.eye(len(point))[unknown], budget=Budget(),
+                         near=(measurement.conditions, end.motions)).shown for side in (1.0, -1.0)]  # fmt: skip
+        quotient = (moved[0] - moved[1]) / (2.0 * step)
+        pairs = np.stack([quotient.real, quotient.imag], axis=-1).reshape(len(data.speed), -1)
+        expected = data.weight.reshape(pairs.shape) * pairs
+        np.testing.assert_allclose(one.slopes[..., column], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_prediction_is_the_response(spring):
+    model, measurement, space, _, true = spring
+    point = unknowns_at(space, duffing__cubic_n_per_m3=0.1 * true)
+    weak = model.with_orders(measurement.orders) + effects.Duffing(0.1 * true)
+    expected = np.asarray(response(weak, measurement.conditions))
+    shown = predict(space, measurement.conditions, point, budget=Budget()).shown
+    np.testing.assert_allclose(shown, expected, atol=1e-4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"), [("duffing", 5), ("clearance", 5), ("rub", 5), ("asymmetric_shaft", 5), ("quadratic_damping", 5), ("probe_saturation", 5)]
+)
+def test_declared_starts_reach_the_optimum_at_the_truth(name, seed):
+    """Regret: the cost from declared starts less that of a descent begun at the true values."""
+    factor = {"clearance": 0.5, "rub": 0.3}.get(name, 1.0)
+    model, measurement, true = hidden_forces.sufficient(CATALOG[name], seed=seed, factor=factor)
+    space = space_of(model, measurement)
+    data, free = make_data(measurement, space.model, NO_NOISE), space.free([name])
+    entries = [e for e in space.entries if e.effect == name]
+    at_truth = np.zeros(len(space.entries))
+    at_truth[[e.unknown for e in entries]] = [value / e.scale for e, value in zip(entries, true, strict=True)]
+    every = np.ones((8, len(measurement.run)), bool)
+    known = best_of(descend(space, data, [Start(at_truth)], free, every, budget=Budget(), manner=THOROUGH))
+    budget, starts = Budget(), starts_at(declared_starts(space, free, measurement.reach))
+    found = best_of(descend(space, data, starts, free, every, budget=budget, manner=QUICK))
+    assert found.exact
+    assert found.cost - known.cost < 0.1
+    assert budget.spent <= 40 * len(starts) * len(measurement.run)
+
+
+def test_motions_of_cases_left_out_follow_the_balance(spring):
+    """What was not trained on has no pull on its motion, and is predicted as if the model had been simulated there."""
+    _, measurement, space, data, _ = spring
+    free, training = space.free(["duffing"]), np.ones((1, len(measurement.run)), bool)
+    training[0, ::3] = False
+    (end,) = descend(space, data, starts_at(declared_starts(space, free, measurement.reach))[1:2], free, training, budget=Budget())
+    lost = measurement.vectors[::3] - end.shown[::3]
+    assert np.sqrt(np.mean(np.abs(lost[measurement.present[::3]]) ** 2)) < 2.0 * np.sqrt(2.0) * np.median(measurement.sigma)
+
+
+def test_a_spent_budget_leaves_every_start_linearised_once(spring):
+    _, measurement, space, data, _ = spring
+    free, budget = space.free(["clearance"]), Budget(1)
+    starts = starts_at(declared_starts(space, free, measurement.reach))
+    ends = descend(space, data, starts, free, np.ones((len(starts), len(measurement.run)), bool), budget=budget)
+    assert budget.exhausted
+    assert all(np.isfinite(end.cost) and end.steps == 1 and not end.exact for end in ends)
+    # One linear solve for the first motions, which all starts share, and one evaluation of each.
+    assert budget.spent == (1 + len(starts)) * len(measurement.run)
+
+
+def test_projected_draws_leave_what_fitted_draws_leave():
+    """The linearised fit of a draw against the fit itself, within a twentieth of a log unit."""
+    model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
+    contest = make_contest(model, measurement, CATALOG)
+    contender = race(contest, NO_NOISE, [frozenset(["cross_coupling"])], {})[frozenset(["cross_coupling"])]
+    data = contest.data(NO_NOISE, contender.best.point)
+    draws = bootstrap._Draws(contest, contender.best, data, np.random.default_rng(0))
+    noises, _ = draws.make(12)
+    pairs = np.stack([contender.best.shown.real, contender.best.shown.imag], axis=-1)
+    fitted = [end.cost for end in bootstrap._refitted(contest, contender, data, pairs, noises)]
+    np.testing.assert_allclose(draws.projected(noises), fitted, atol=0.05)
+
+
+def test_heavier_rotor_is_still_one_rotor():
+    """Kernels take the rotor as an argument: two rigs with the same probes and orders share one compiled program."""
+    one, other = (space_of(Model(Jeffcott(mass, 5e4, 0.02)), hidden.sufficient(effects.MassError, seed=1)[1]) for mass in (1.0, 7.0))
+    data = make_data(hidden.sufficient(effects.MassError, seed=1)[1], one.model, NO_NOISE)
+    shown = [Linearisation(space, data, Budget()).at([Point(np.zeros(len(space.entries)), None)], [np.zeros(0, int)])[0].shown for space in (one, other)]
+    assert not np.allclose(shown[0], shown[1])
