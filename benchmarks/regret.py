@@ -5,13 +5,13 @@ effects declare and with nothing else known. The difference to a descent begun a
 where as good an optimum is found. The last cases are measured on a vertical rotor and explained with a model that
 states gravity: no values are true there, so that only the cost reached counts. Motion is integrated in time by code
 that shares nothing with rotorjax. Each fit has a process of its own and is ended where it takes longer than allowed;
-prints a line for each, writes a table and the same as JSON.
+prints a line for each, writes a table and the same as JSON. The figures under "before" in the JSON that lies in the
+output folder are kept, and stand beside the new ones.
 
     python benchmarks/regret.py --output benchmarks/results
 """
 
 import argparse
-import contextlib
 import dataclasses
 import json
 import math
@@ -19,12 +19,13 @@ import multiprocessing
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
 
+import equinox as eqx
 import jax
 import numpy as np
 import tabulate
@@ -33,15 +34,18 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import drawn_forces
 
 import rotorjax
-from rotorjax import Measurement, Model, RestoringEffect, effects, response
-from rotorjax.discovery import descent
-from rotorjax.discovery.noise import Noise
-from rotorjax.discovery.race import Contest, Effects, make_contest, race
+from rotorjax import Measurement, Model, RestoringEffect, effects
+from rotorjax.discovery.race import Contest, Effects, make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.harmonic import NEWTON_STEPS
+from rotorjax.inference.data import declared_starts
+from rotorjax.inference.descent import QUICK, THOROUGH, End, Manner, Start, best_of, descend, starts_at
+from rotorjax.inference.kernels import Kernels
+from rotorjax.inference.linearised import Budget
+from rotorjax.inference.noise import Noise
 from rotorjax.io.files import write_whole
-from rotorjax.response import motions_of, vectors_from
+from rotorjax.response import motions_of, searched_motions, vectors_from
 from rotorjax.space import Space
 
 import drawn_effects
@@ -61,67 +65,55 @@ NOISE = 0.01
 """In the median amplitude at 1X."""
 CUBIC, STOP, GAP, FRICTION = 1e12, 0.3, 150e-6, 0.15
 """Cubic stiffness [N/m³]; stiffness of the stop in that of the shaft, its gap [m] and coefficient of friction."""
-HEADS = (
-    "case", "hypothesis", "cases", "cost, declared starts", "cost, from the truth", "regret", "linearisations", "CPU s",
-    "of the first call", "reduced χ²", "χ² at the truth",
+FIGURES = (
+    "cost, declared starts", "cost, from the truth", "regret", "linearisations", "CPU s", "of the first call",
+    "reduced χ²", "χ² at the truth",
 )  # fmt: skip
 ABOUT = """What is hidden is fitted from the starts that its effects declare, and from its true values.
 
 *Cost*: half the squared residual in standard errors, and minus the logarithm of the prior. *Regret*: the cost that is
 reached from the declared starts, less that of a descent begun at the truth. *Linearisations*: residual and slopes of
 one case at one point, counted over all descents from the declared starts. *CPU s*: of the second call in one process;
-*of the first call*: with compilation. *χ² at the truth*: of the response there, before any descent, near the measured
-motions where others are steady too. A cost with an asterisk is of the force laid along the measured motion: no steady
-motion was found, and it is of first order only.
+*of the first call*: with tracing, and with compilation where JAX keeps no cache. *χ² at the truth*: of the response
+there, before any descent, near the measured motions where others are steady too. A cost with an asterisk is of first
+order only, of motions that do not balance.
 The rows "weight stated" are of a vertical rotor and a model that states gravity: no values are true there."""
 
 
 class Reached(NamedTuple):
-    """The best end of some descents."""
+    """Where some descents ended, and what they took."""
 
-    cost: float
+    ends: list[End]
     linearisations: int
     """Single cases at single points."""
-    shown: np.ndarray
-    """What the model shows there, case x probe x order [m]."""
-    unknowns: int
-    steady: bool
-    """Whether the motions there are steady ones."""
 
 
-def fitted(contest: Contest, noise: Noise, hypothesis: Effects, starts: list[np.ndarray] | None) -> Reached:
-    """A hypothesis fitted from points and the motions there, or from its declared starts, with nothing known.
-
-    All that depends on how descents are made is here and in `_counted`.
-    """
-    with _counted() as counts:
-        if starts is None:
-            end = race(contest, noise, [hypothesis], {})[hypothesis].best
-        else:
-            data, free, cases = contest.data(noise, starts[0]), contest.free(hypothesis), len(contest.training)
-            begin = [descent.searched(contest.space, data, point) for point in starts]
-            nameless, whole = descent._nameless(contest.space), descent.filled(data)
-            near = [np.asarray(descent._measured_motions(nameless, whole, point))[:cases] for point in starts]
-            begin += [descent.Start(point, motions) for point, motions in zip(starts, near, strict=True)]
-            masks, training = np.tile(free, (len(begin), 1)), np.ones((len(begin), cases), bool)
-            ends = descent.descend(contest.space, data, begin, masks, training, manner=contest.manner(descent.THOROUGH))
-            end = min(ends, key=lambda end: (not end.exact, end.cost))
-    return Reached(end.cost, sum(counts), end.shown, len(end.free), end.exact)
+def from_declared(contest: Contest, noise: Noise, hypothesis: Effects) -> Reached:
+    """From the starts that the effects declare, with nothing known."""
+    free = contest.free(hypothesis)
+    starts = starts_at(declared_starts(contest.space, free, contest.measurement.reach))
+    return _descended(contest, noise, free, starts, contest.space.given_unknowns(), QUICK)
 
 
-@contextlib.contextmanager
-def _counted() -> Iterator[list[int]]:
-    """Linearisations of each leg: an evaluation of the cost has the slopes of every case."""
-    counts: list[int] = []
-    batches = descent._Group._batches
+def from_truth(
+    contest: Contest, noise: Noise, hypothesis: Effects, point: np.ndarray
+) -> tuple[Reached, list[np.ndarray]]:
+    """From the truth, motions near the measured ones or those that balance there; and what the truth itself shows."""
+    steady = steady_at(contest.space.model_at(point), contest.measurement)
+    most = Kernels(contest.space).wide
+    motions = [np.pad(found, [(0, 0)] * 3 + [(0, most - found.shape[-1])]) for _, found in steady]
+    starts = [Start(point), *(Start(point, found) for found in motions)]
+    reached = _descended(contest, noise, contest.free(hypothesis), starts, point, THOROUGH)
+    return reached, [shown for shown, _ in steady]
 
-    def counted(group: descent._Group, *arguments: object) -> Iterator:
-        for index, found in batches(group, *arguments):  # pyright: ignore
-            counts.append(int(found.steps[: len(index)].sum()) * group.cases)
-            yield index, found
 
-    with mock.patch.object(descent._Group, "_batches", counted):
-        yield counts
+def _descended(
+    contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner
+) -> Reached:
+    """Descents on all cases; unknowns that are not free are kept at a point."""
+    space, data, budget = contest.space, contest.data(noise, kept), Budget()
+    training = np.tile(contest.training, (len(starts), 1))
+    return Reached(descend(space, data, starts, free, training, budget=budget, kept=kept, manner=manner), budget.spent)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,12 +159,13 @@ def reduced_chi2(measurement: Measurement, noise: Noise, shown: np.ndarray, unkn
     return float(np.sum(pairs**2)) / max(1, int(np.count_nonzero(weight)) - unknowns)
 
 
-def shown_at(model: Model, measurement: Measurement) -> list[np.ndarray]:
-    """What a model shows: by motions searched for, and by those near the measured ones, as far as they are found."""
-    conditions, vectors = measurement.conditions, np.asarray(measurement.vectors)
-    near = motions_of(model, conditions, vectors, measurement.present)
-    shown = [response(model, conditions), vectors_from(model, conditions, near, np.asarray(NEWTON_STEPS))[0]]
-    return [found for found in map(np.asarray, shown) if np.all(np.isfinite(found))]
+def steady_at(model: Model, measurement: Measurement) -> list[tuple[np.ndarray, np.ndarray]]:
+    """What a model shows, and its motions: those searched for, and those near the measured ones, if they are found."""
+    conditions, most = measurement.conditions, np.asarray(NEWTON_STEPS)
+    near = eqx.filter_jit(motions_of)(model, conditions, np.asarray(measurement.vectors), measurement.present)
+    begin = (eqx.filter_jit(searched_motions)(model, conditions), near)
+    found = [eqx.filter_jit(vectors_from)(model, conditions, motions, most) for motions in begin]
+    return [(np.asarray(shown), np.asarray(motions)) for shown, motions in found if np.all(np.isfinite(shown))]
 
 
 def drawn_effect(seed: int) -> list[Problem]:
@@ -262,16 +255,19 @@ def answer(problem: Problem, asked: Iterable[str], pipe: Connection) -> None:
     jax.config.update("jax_enable_x64", True)
     contest, hypothesis = problem.contest(), frozenset(problem.hypothesis)
     for question in asked:
-        begin, starts, at_truth = time.process_time(), None, None
+        begin, at_truth = time.process_time(), None
         if question == TRUTH and problem.truth is not None:
-            starts = [unknowns_of(contest.space, problem.truth)]
-            there = shown_at(contest.space.model_at(starts[0]), problem.measurement)
-            chi2_there = [reduced_chi2(problem.measurement, problem.noise, shown, 0) for shown in there]
+            point = unknowns_of(contest.space, problem.truth)
+            reached, shown = from_truth(contest, problem.noise, hypothesis, point)
+            chi2_there = [reduced_chi2(problem.measurement, problem.noise, one, 0) for one in shown]
             at_truth = min(chi2_there, default=None)
-        reached = fitted(contest, problem.noise, hypothesis, starts)
-        chi2 = reduced_chi2(problem.measurement, problem.noise, reached.shown, reached.unknowns)
+        else:
+            reached = from_declared(contest, problem.noise, hypothesis)
+        best = best_of(reached.ends)
+        chi2 = reduced_chi2(problem.measurement, problem.noise, best.shown, len(best.free))
         seconds = time.process_time() - begin
-        pipe.send({**reached._asdict(), "shown": None, "chi2": chi2, "at_truth": at_truth, "seconds": seconds})
+        found = {"cost": best.cost, "steady": best.exact, "linearisations": reached.linearisations}
+        pipe.send({**found, "chi2": chi2, "at_truth": at_truth, "seconds": seconds})
 
 
 def ask(problem: Problem, asked: tuple[str, ...], limit: float) -> dict[str, dict]:
@@ -324,8 +320,10 @@ def row_of(problem: Problem, limit: float) -> dict:
     }
 
 
-def cells(row: dict) -> list[str]:
-    """One row, as the table has it."""
+def cells(row: dict | None) -> list[str]:
+    """The figures of one row, as the table has them."""
+    if row is None:
+        return ["-"] * len(FIGURES)
 
     def said(key: str, form: str, missing: str = "-") -> str:
         return missing if row[key] is None else format(row[key], form)
@@ -336,21 +334,18 @@ def cells(row: dict) -> list[str]:
     from_truth += "*" if row["steady_from_truth"] is False else ""
     effort = [said("linearisations", "d"), said("cpu_s", ".1f", late), said("first_call_cpu_s", ".1f", late)]
     chi2 = [said("reduced_chi2", ".3g"), said("reduced_chi2_at_truth", ".3g")]
-    return [row["case"], row["hypothesis"], str(row["cases"]), cost, from_truth, said("regret", ".2f"), *effort, *chi2]
+    return [cost, from_truth, said("regret", ".2f"), *effort, *chi2]
 
 
-def total(rows: list[dict], name: str) -> list[str]:
+def total(rows: list[dict | None]) -> list[str]:
     """What some rows come to; what took too long is left out."""
 
     def added(key: str, form: str) -> str:
-        values = [row[key] for row in rows if row[key] is not None]
+        values = [row[key] for row in rows if row is not None and row[key] is not None]
         return format(sum(values), form) if values else "-"
 
-    late = sum(row["cost"] is None for row in rows)
-    words = f"{len(rows)} fits" + (f", {late} of them too long" if late else "")
     costs = [added(key, ".2f") for key in ("cost", "cost_from_truth", "regret")]
-    effort = [added("linearisations", "d"), added("cpu_s", ".1f"), added("first_call_cpu_s", ".1f")]
-    return [f"**{name}**", words, added("cases", "d"), *costs, *effort, "", ""]
+    return [*costs, added("linearisations", "d"), added("cpu_s", ".1f"), added("first_call_cpu_s", ".1f"), "", ""]
 
 
 def code() -> str:
@@ -364,15 +359,25 @@ def code() -> str:
 
 
 def write(folder: Path, rows: list[dict]) -> None:
-    """The table, and the same as JSON."""
+    """The table, beside the figures kept from before, and the same as JSON."""
     folder.mkdir(parents=True, exist_ok=True)
-    right, wrong = ([row for row in rows if row["truth_known"] == known] for known in (True, False))
-    sums = [total(group, name) for group, name in ((right, "right rig"), (wrong, "weight stated")) if group]
-    table = tabulate.tabulate([*map(cells, rows), *sums], HEADS, tablefmt="pipe", disable_numparse=True)
+    path = folder / "regret.json"
+    before = json.loads(path.read_text()).get("before") if path.exists() else None
+    known = {(row["case"], row["hypothesis"]): row for row in before["rows"]} if before else {}
+    pairs = [(known.get((row["case"], row["hypothesis"])), row) for row in rows]
+    lines = [[row["case"], row["hypothesis"], str(row["cases"]), *cells(old), *cells(row)] for old, row in pairs]
+    for name, right in (("right rig", True), ("weight stated", False)):
+        if group := [(old, row) for old, row in pairs if row["truth_known"] == right]:
+            count = str(sum(row["cases"] for _, row in group))
+            sums = [figure for column in zip(*group, strict=True) for figure in total(list(column))]
+            lines.append([f"**{name}**", f"{len(group)} fits", count, *sums])
+    heads = ["case", "hypothesis", "cases", *(f"before: {head}" for head in FIGURES), *FIGURES]
+    table = tabulate.tabulate(lines, heads, tablefmt="pipe", disable_numparse=True)
     title = f"# Fits from declared starts beside fits from the truth, commit {code()}"
     told = "Written by `python benchmarks/regret.py --output benchmarks/results`."
+    told += f"\n*Before*: commit {before['commit']}; {before['about']}" if before else ""
     write_whole(folder / "regret.md", "\n\n".join([title, ABOUT, told, table]) + "\n")
-    write_whole(folder / "regret.json", json.dumps({"commit": code(), "rows": rows}, indent=1) + "\n")
+    write_whole(path, json.dumps({"commit": code(), "rows": rows, "before": before}, indent=1) + "\n")
 
 
 def main() -> None:
@@ -388,7 +393,7 @@ def main() -> None:
     for name in arguments.only:
         for problem in CASES[name]():
             rows.append(row_of(problem, arguments.limit))
-            print(" | ".join(cells(rows[-1])), flush=True)
+            print(" | ".join([problem.case, problem.words, *cells(rows[-1])]), flush=True)
             if arguments.output:
                 write(arguments.output, rows)
 
