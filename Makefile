@@ -6,7 +6,7 @@ OUTPUT ?= output
 # Test processes; each takes up to 4 GB. In the order of the folders the long files come before the short ones.
 WORKERS ?= 2
 
-.PHONY: install run test lint benchmark paper notebooks clean
+.PHONY: install run test campaign lint benchmark paper notebooks clean
 
 install: $(VENV)/.installed
 
@@ -24,7 +24,10 @@ run: $(VENV)/.installed
 	$(BIN)/python experiments/stories.py --output $(OUTPUT)
 
 test: $(VENV)/.tested
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $(WORKERS) --dist load
+
+campaign: $(VENV)/.tested
+	$(BIN)/python -m pytest -n $(WORKERS) -m campaign
 
 lint: $(VENV)/.tested
 	$(BIN)/ruff check .

@@ -95,9 +95,7 @@ def from_declared(contest: Contest, noise: Noise, hypothesis: Effects) -> Reache
     return _descended(contest, noise, free, starts, contest.space.given_unknowns(), QUICK)
 
 
-def from_truth(
-    contest: Contest, noise: Noise, hypothesis: Effects, point: np.ndarray
-) -> tuple[Reached, list[np.ndarray]]:
+def from_truth(contest: Contest, noise: Noise, hypothesis: Effects, point: np.ndarray) -> tuple[Reached, list[np.ndarray]]:
     """From the truth, motions near the measured ones or those that balance there; and what the truth itself shows."""
     steady = steady_at(contest.space.model_at(point), contest.measurement)
     most = Kernels(contest.space).wide
@@ -107,9 +105,7 @@ def from_truth(
     return reached, [shown for shown, _ in steady]
 
 
-def _descended(
-    contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner
-) -> Reached:
+def _descended(contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner) -> Reached:
     """Descents on all cases; unknowns that are not free are kept at a point."""
     space, data, budget = contest.space, contest.data(noise, kept), Budget()
     training = np.tile(contest.training, (len(starts), 1))

@@ -226,7 +226,9 @@ def _answer(
     for other in ties.tied:
         proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    verdict = _verdict(selection, ties, p, fits[-1], contest, confirmed=_confirmed(fits))
+    # What is too small to be added is there all the same when it is judged what is left.
+    last = fits[-1] if not selection.small else _fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
+    verdict = _verdict(selection, ties, p, last, contest, confirmed=_confirmed(fits))
     named = None
     if verdict == "unexplained" and contest.measurement.rms > 0.0 and stages.go("the force that is missing"):
         named = name_force(fits[0], fits[-1], selection.effects, catalog)
@@ -333,17 +335,18 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
 
 def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -> tuple[Fit, ...]:
     """The fit of every nested set, polished."""
+    sets = [frozenset(selection.effects[:step]) for step in range(len(held.rms))]
+    every = zip(sets, selection.races, held.rms, strict=True)
+    return tuple(_fit_of(contest, model, selection, names, race.noise, (rms, held.reason)) for names, race, rms in every)
+
+
+def _fit_of(contest: Contest, model: Model, selection: Selection, effects: Effects, under: Noise, held: tuple[float | None, str]) -> Fit:
     uncertain = {u.effect for u in contest.measurement.knowledge.uncertain}
-    given = {e.name for e in model.effects} | uncertain
-    fits = []
-    for step, rms in enumerate(held.rms):
-        names = selection.effects[:step]
-        last, effects = step == len(selection.effects), frozenset(names)
-        polished = _polished(contest, selection.known, effects, selection.races[step].noise, last=last)
-        stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), frozenset(given | set(effects)), contest.budget)
-        scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
-        fits.append(summarise(stage, polished, rms, held.reason, scatter=scatter))
-    return tuple(fits)
+    kept = frozenset({e.name for e in model.effects} | uncertain | effects)
+    polished = _polished(contest, selection.known, effects, under, last=effects >= set(selection.effects))
+    stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), kept, contest.budget)
+    scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
+    return summarise(stage, polished, *held, scatter=scatter)
 
 
 def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *, last: bool) -> Round:

@@ -24,6 +24,8 @@ HOPELESS = 300.0
 FIRST_MOTION = 10.0
 """Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
 LARGEST_DAMPING = 1e4
+SHORTEST = 1e-3
+"""Share of a step of Newton's method below which no balance is looked for."""
 BALANCED = 0.3
 """Standard errors by which the reading of a motion may be off what balance would make of it."""
 
@@ -37,13 +39,15 @@ class Manner(NamedTuple):
     """Steps in a row that gain nothing."""
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
-    firmer: tuple[float, ...] = (0.5, 0.3, 0.7)
-    """What is left of that freedom after every step that lowers the cost; where motions get stuck off balance they are given it again,
-    to go on with the next of these."""
+    firmer: float = 0.5
+    """What is left of that freedom after every step that lowers the cost."""
     firm: float = 0.1
     """Freedom in the vectors, in standard errors, from which on there is none."""
     lenient: float = 0.05
     """Relative rise of the cost that does not count while motions do not balance."""
+    tight: float = 0.1
+    """Standard errors by which the reading of a motion without freedom may be off balance before it is moved towards it."""
+    balancing_steps: int = 12
     largest_step: float = 1.0
     """Of the motion of a case, in its size."""
     rivals: int = 3
@@ -52,7 +56,7 @@ class Manner(NamedTuple):
     """Steps after which a start may be given up for others of the same fit, or for what is better by far."""
 
 
-THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=80)
+THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=60)
 """For estimates; and for ranking many hypotheses."""
 
 
@@ -155,11 +159,56 @@ def descend(  # noqa: PLR0913
     while going := [d for d in running if not d.done]:
         if budget.exhausted and all(d.here is not None for d in going):
             break
-        for one, there in zip(going, lin.at([d.trial for d in going], [d.task.free for d in going]), strict=True):
+        for one, there in zip(going, _linearised(lin, going, manner), strict=True):
             one.advance(there)
         if shift is None:
             _give_up(running, kinds, manner)
     return [d.end() for d in running]
+
+
+def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> list[Linearised]:
+    """The trials linearised; those whose motions have no freedom any more at motions that balance, as far as these are found."""
+    found = lin.at([d.trial for d in going], [d.task.free for d in going])
+    astray = [k for k, one in enumerate(found) if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > manner.tight)]
+    if astray:
+        trials = _balanced(lin, [found[k] for k in astray], manner)
+        again = lin.at(trials, [going[k].task.free for k in astray])
+        found = [again[astray.index(k)] if k in astray else one for k, one in enumerate(found)]
+    return found
+
+
+def _balanced(lin: Linearisation, astray: list[Linearised], manner: Manner) -> list[Point]:
+    """Motions moved towards balance under parameters that stay: Newton's method, its steps shortened until the force that is lacking falls.
+
+    The cases have nothing to do with one another.
+    """
+    motions = [one.freedom.followed.copy() for one in astray if one.freedom is not None]
+    for refined in (False, True):
+        rows = [
+            (k, case) for k, one in enumerate(astray) if one.point.refined == refined and one.freedom is not None
+            for case in np.flatnonzero(one.freedom.off > manner.tight)
+        ]  # fmt: skip
+        if not rows:
+            continue
+        which, cases = np.array(rows).T
+        unknowns = np.stack([astray[k].point.unknowns for k in which])
+        state = np.stack([motions[k][case] for k, case in rows])
+        here, share = lin.imbalance(unknowns, cases, state, refined=refined), np.ones(len(rows))
+        for _ in range(manner.balancing_steps):
+            alive = np.flatnonzero((here.off > manner.tight) & (share > SHORTEST) & np.isfinite(here.size))
+            if not len(alive):
+                break
+            trial = here.followed[alive].copy()
+            trial[..., : lin.kernels.coefficients] += share[alive, None, None, None] * here.step[alive]
+            there = lin.imbalance(unknowns[alive], cases[alive], trial, refined=refined)
+            better = there.size < here.size[alive]
+            share[alive] = np.where(better, np.minimum(1.0, 2.0 * share[alive]), 0.3 * share[alive])
+            for old, new in zip(here, there, strict=True):
+                old[alive[better]] = new[better]
+            state[alive[better]] = trial[better]
+        for row, (k, case) in enumerate(rows):
+            motions[k][case] = state[row]
+    return [one.point._replace(motions=moved) for one, moved in zip(astray, motions, strict=True)]
 
 
 def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner) -> None:
@@ -274,7 +323,7 @@ class _Descent:
         self.here: Linearised | None = None
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
         self.normal: _Normal | None = None
-        self.since = self.stalled = self.loosened = 0
+        self.since = self.stalled = 0
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
@@ -329,10 +378,8 @@ class _Descent:
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
         fallen = taken and not first and fall <= limit and self.damping < 1e-2
-        if self.steps >= self.manner.most_steps:
+        if self.steps >= self.manner.most_steps or self.damping > LARGEST_DAMPING or self.stalled >= self.manner.most_stalled:
             self.done = True
-        elif self.damping > LARGEST_DAMPING or self.stalled >= self.manner.most_stalled:
-            self._loosen()
         elif self.freedom == 0.0 and self._off() < BALANCED and (decrement <= limit or fallen):
             self._arrived()
 
@@ -360,22 +407,13 @@ class _Descent:
         size = float(np.max(np.linalg.norm(self.here.freedom.reach, axis=2)[self.task.training], initial=0.0))
         enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         while self.freedom > 0.0:
-            self.freedom *= self.manner.firmer[self.loosened]
+            self.freedom *= self.manner.firmer
             self.freedom = 0.0 if self.freedom * size < self.manner.firm else self.freedom
             self.normal = _Normal(self.lin, self.here, self.task, self.freedom)
             self.cost = self.normal.cost + self.prior.cost
             # More than enough freedom explains anything, and leaves the parameters to their prior.
             if self.normal.cost > enough:
                 break
-
-    def _loosen(self) -> None:
-        """Where it is stuck off balance, freedom for the motions once more; elsewhere the end."""
-        self.done = self.loosened + 1 >= len(self.manner.firmer) or not self.timed or (self._off() < BALANCED and self.here.point.refined)
-        if not self.done:
-            self.loosened += 1
-            self.freedom, self.damping, self.cap, self.stalled = self.manner.first_freedom * self._reach(), FIRST_DAMPING, self.manner.largest_step, 0
-            self._firmer()
-            self._propose()
 
     def _arrived(self) -> None:
         """At an end; where orders depend on one another once more with more of them."""

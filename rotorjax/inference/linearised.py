@@ -52,6 +52,18 @@ class Freedom(NamedTuple):
     """The motions, their higher orders as they follow the force."""
 
 
+class Imbalance(NamedTuple):
+    """How far some motions are from balance, each a case at some parameters."""
+
+    size: Float[np.ndarray, "row"]
+    """|W g|: the force that is lacking, as a displacement [m]."""
+    off: Float[np.ndarray, "row"]
+    """As in `Freedom`."""
+    step: Float[np.ndarray, "row speed dof coefficient"]
+    """Newton's, towards balance."""
+    followed: Float[np.ndarray, "row speed dof wide"]
+
+
 class Linearised(NamedTuple):
     """A model at one point."""
 
@@ -156,6 +168,24 @@ class Linearisation:
         for k, point in enumerate(points):
             found.append(self._eliminated(point, Equations(*(part[k] for part in parts)), refined.get(k), len(free[k])))
         return found
+
+    def imbalance(
+        self, unknowns: Float[np.ndarray, "row param"], cases: Int[np.ndarray, "row"], motions: Float[np.ndarray, "row speed dof wide"], *, refined: bool
+    ) -> Imbalance:
+        """The balance of single cases, without slopes by the unknowns."""
+        kinds, count = self.speeds.shape[1], self.kernels.coefficients
+        each = (np.repeat(np.asarray(values)[cases], kinds, axis=0) for values in (self.data.unbalance, self.data.bow))
+        rows = Rows(np.repeat(unknowns, kinds, axis=0), np.full((len(cases) * kinds, COLUMNS), -1), self.speeds[cases].ravel(), *each)
+        wide = motions.reshape(-1, *motions.shape[2:])
+        equations = self.kernels.balanced(rows, wide[..., :count])
+        force, followed = (equations.force, wide) if not refined else self.kernels.refined(rows, wide)
+        self.budget.spent += len(cases)
+        step = -np.einsum("rij,rj->ri", _inverse(equations.force_by_motion[None])[0], force)
+        per_force = np.repeat(self._per_force[cases].reshape(len(wide), 1, count), motions.shape[2], axis=1)
+        size = np.linalg.norm((force * per_force.reshape(force.shape)).reshape(len(cases), -1), axis=1)
+        read = np.einsum("rmi,ri->rm", equations.shown_by_motion, step).reshape(len(cases), kinds, -1)
+        off = np.abs(self._less_slow_roll(read) * self._weight[cases]).max(axis=1)
+        return Imbalance(size, off, step.reshape(*motions.shape[:3], count), followed.reshape(motions.shape))
 
     def _flat(self, point: Point) -> Float[np.ndarray, "row dof wide"]:
         motions = np.asarray(point.motions)
