@@ -14,7 +14,6 @@ from jax import Array
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax.assembly import Chain, assemble, point_at, true_speed
-from rotorjax.harmonic import make_grid
 from rotorjax.model import AbstractRotor, Conditions, Model
 from rotorjax.steady import Near, is_timed, measured_motion, timed_vectors, without_timed
 
@@ -63,11 +62,6 @@ def _by_few(of_case: Callable[..., Any], cases: Any) -> Any:
     more = -count % TOGETHER
     filled = jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.repeat(leaf[-1:], more, axis=0)]), cases) if more else cases
     return jax.tree.map(lambda leaf: leaf[:count], jax.lax.map(of_case, filled, batch_size=TOGETHER))
-
-
-def motion_shape(model: Model) -> tuple[int, int, int]:
-    """Shape of what `vectors_from` remembers of one case: speeds (a second one where slow roll was subtracted), dof, coefficients."""
-    return 1 if model.slow_roll is None else 2, 2, 2 * len(make_grid(model.layout.orders).orders) - 1
 
 
 def vectors_from(

@@ -15,7 +15,6 @@ from rotorjax._core import Unit, unit_of
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Knowledge
 from rotorjax.model import Effect, Model, RestoringEffect, WaveformEffect
-from rotorjax.response import motion_shape
 
 
 class Entry(NamedTuple):
@@ -99,9 +98,12 @@ class Space(eqx.Module):
         mask[[e.unknown for e in self.entries if e.effect in names]] = True
         return mask
 
-    def motion_shape(self) -> tuple[int, int, int]:
-        """Shape of the motion of a case, where orders depend on one another; any other where they cannot."""
-        return motion_shape(self.model) if self.timed().any() else (1, 2, 1)
+    def even(self) -> Bool[np.ndarray, "param"]:
+        """Unknowns of which only the square counts."""
+        squared = {(e.name, name) for e in self.model.effects for name in type(e).even}
+        mask = np.zeros(len(self.entries), dtype=bool)
+        mask[[e.unknown for e in self.entries if (e.effect, e.parameter) in squared and not e.declared_uncertain]] = True
+        return mask
 
     def effects_of(self, mask: Bool[np.ndarray, "param"]) -> set[str]:
         """Names of the effects that these unknowns belong to."""
@@ -113,14 +115,6 @@ class Space(eqx.Module):
         for entry in self.entries:
             if (entry.effect in effects or entry.declared_uncertain) and entry.key not in fixed:
                 mask[entry.unknown] = True
-        return mask
-
-    def strengths(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
-        """Mask of the unknowns that make these effects stronger or weaker: of each the first parameter, and what has its unit."""
-        mask = np.zeros(len(self.entries), dtype=bool)
-        for name in effects:
-            own = [e for e in self.entries if e.effect == name]
-            mask[[e.unknown for e in own if e.unit == own[0].unit]] = True
         return mask
 
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -83,7 +84,8 @@ class Inputs(NamedTuple):
     """Parameters of every effect."""
     speed: Float[Array, ""]
     motion: Coefficients
-    bow: Coefficients
+    bow: Vector
+    """Complex amplitude of every order."""
 
 
 class Moment(NamedTuple):
@@ -95,14 +97,15 @@ class Moment(NamedTuple):
     speed: Float[Array, ""]
 
 
-Forces = Callable[[tuple[Array, ...], Moment, Array], Float[Array, "effect dof"]]
-"""Parameters, moment, shaft angle -> force of every effect."""
+Forces = Callable[[tuple[Array, ...], Moment, Array], Float[Array, "dof"]]
+"""Parameters, moment, shaft angle -> sum of the forces of all effects."""
 
 
 def _forces(effects: tuple[EffectOf, ...], rotor: AbstractRotor) -> Forces:
     def at(own: tuple[Array, ...], moment: Moment, angle: Array) -> Array:
         instant = Instant(rotor, moment.speed, angle, moment.position, moment.velocity, moment.position - moment.bow)
-        return jnp.stack([effect_of(values).force(instant) for effect_of, values in zip(effects, own, strict=True)])
+        forces = (effect_of(values).force(instant) for effect_of, values in zip(effects, own, strict=True))
+        return functools.reduce(operator.add, forces, jnp.zeros(2))
 
     return at
 
@@ -110,7 +113,19 @@ def _forces(effects: tuple[EffectOf, ...], rotor: AbstractRotor) -> Forces:
 def _moments(inputs: Inputs, grid: Grid, angle: Float[np.ndarray, "instant"] | None = None) -> Moment:
     at = grid.angle if angle is None else angle
     synthesis, rate = (jnp.asarray(m) for m in (grid.synthesis(at), grid.slope(at)))
-    return Moment(inputs.motion @ synthesis, inputs.speed * inputs.motion @ rate, inputs.bow @ synthesis, inputs.speed)
+    bow = jnp.stack(_waves_of(inputs.bow, grid, at))
+    return Moment(inputs.motion @ synthesis, inputs.speed * inputs.motion @ rate, bow, inputs.speed)
+
+
+def _waves_of(amplitudes: Vector, grid: Grid, angle: Float[np.ndarray, "instant"]) -> tuple[Float[Array, "instant"], Float[Array, "instant"]]:
+    """Both directions at shaft angles."""
+    return waveform(amplitudes.x, grid, angle), waveform(amplitudes.y, grid, angle)
+
+
+def waveform(amplitudes: Complex[Array, "*many order"], grid: Grid, angle: Float[np.ndarray, "instant"]) -> Float[Array, "*many instant"]:
+    """Re Σ a_n e^{inφ} at shaft angles."""
+    phase = np.outer(grid.order_array, angle)
+    return amplitudes.real @ jnp.asarray(np.cos(phase)) - amplitudes.imag @ jnp.asarray(np.sin(phase))
 
 
 EVERY = Moment(-1, -1, -1, None)  # pyright: ignore
@@ -124,50 +139,81 @@ def _force(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: Abs
     What derivatives need, few slopes at every instant, is analysed once for all directions in which they are wanted.
     """
     along = jax.vmap(_forces(effects, rotor), in_axes=(None, EVERY, -1), out_axes=-1)
-    total = jnp.sum(along(inputs.own, _moments(inputs, grid), jnp.asarray(grid.angle)), axis=0)
-    return total @ jnp.asarray(grid.analysis())
+    return along(inputs.own, _moments(inputs, grid), jnp.asarray(grid.angle)) @ jnp.asarray(grid.analysis())
 
 
 @functools.partial(_force.defjvp, symbolic_zeros=True)
 def _(effects: tuple[EffectOf, ...], grid: Grid, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
     inputs, rotor = primals
     moved: Inputs = tangents[0]
-    forces, moments = _forces(effects, rotor), _moments(inputs, grid)
-    angle, synthesis, rate = (jnp.asarray(m) for m in (grid.angle, grid.synthesis(grid.angle), grid.slope(grid.angle)))
-    over_instants = {"in_axes": (None, EVERY, -1), "out_axes": -1}
-
-    def along(slopes: Array, waves: Array) -> Array:
-        return jnp.einsum("djs,js->ds", slopes, waves)
-
-    change = jnp.zeros((2, len(angle)))
-    analysis = jnp.asarray(grid.analysis())
-    by = jax.vmap(jax.jacfwd(lambda own, at, phi: jnp.sum(forces(own, at, phi), axis=0), argnums=1), **over_instants)(inputs.own, moments, angle)
+    synthesis, rate = (jnp.asarray(m) for m in (grid.synthesis(grid.angle), grid.slope(grid.angle)))
+    by = _by_moment(effects, grid, inputs, rotor)
+    change = jnp.zeros((2, len(grid.angle)))
     if not _is_zero(moved.motion):
-        change += along(by.position, moved.motion @ synthesis) + along(by.velocity, inputs.speed * moved.motion @ rate)
-    if not _is_zero(moved.bow):
-        change += along(by.bow, moved.bow @ synthesis)
+        change += _along(by.position, *(moved.motion @ synthesis)) + _along(by.velocity, *(inputs.speed * moved.motion @ rate))
+    if not (_is_zero(moved.bow.x) and _is_zero(moved.bow.y)):
+        bow = jax.tree.map(lambda t, value: jnp.zeros_like(value) if _is_zero(t) else t, moved.bow, inputs.bow, is_leaf=_is_zero)
+        change += _along(by.bow, *_waves_of(bow, grid, grid.angle))
     if not _is_zero(moved.speed):
-        change += (along(by.velocity, inputs.motion @ rate) + by.speed) * moved.speed
+        change += (_along(by.velocity, *(inputs.motion @ rate)) + by.speed) * moved.speed
     by_rotor = jax.tree.map(lambda t: None if _is_zero(t) else t, tangents[1], is_leaf=_is_zero)
     if jax.tree.leaves(by_rotor):
         wanted, rest = eqx.partition(rotor, jax.tree.map(lambda t: not _is_zero(t), tangents[1], is_leaf=_is_zero))
 
         def of_rotor(part: AbstractRotor) -> Array:
-            along_turn = jax.vmap(_forces(effects, eqx.combine(part, rest)), **over_instants)
-            return jnp.sum(along_turn(inputs.own, moments, angle), axis=0)
+            return _at_instants(_forces(effects, eqx.combine(part, rest)), grid, inputs, inputs.own)
 
         change += jax.jvp(of_rotor, (wanted,), (by_rotor,))[1]
-    by_own, tangents_own = [], []
-    for k, (own, tangent) in enumerate(zip(inputs.own, moved.own, strict=True)):
+    after = change @ jnp.asarray(grid.analysis())
+    for k, tangent in enumerate(moved.own):
         if not _is_zero(tangent):
-            single = jax.jacfwd(lambda own, at, phi, k=k: _forces(effects[k : k + 1], rotor)((own,), at, phi)[0])
-            by_own.append(jax.vmap(single, **over_instants)(own, moments, angle))
-            tangents_own.append(tangent)
-    after = change @ analysis
-    if by_own:
-        # Analysed before they are combined: once for all directions.
-        after += jnp.einsum("dpb,p->db", jnp.concatenate(by_own, axis=1) @ analysis, jnp.concatenate(tangents_own))
+            after += jnp.einsum("dpb,p->db", _by_own(effects, grid, inputs, rotor, k), tangent)
     return _force(effects, grid, inputs, rotor), after
+
+
+def _at_instants(of_instant: Callable[..., Any], grid: Grid, inputs: Inputs, own: Any) -> Any:
+    """Something of own parameters, moment and angle at every instant of the grid; the last axis counts those."""
+    return jax.vmap(of_instant, in_axes=(None, EVERY, -1), out_axes=-1)(own, _moments(inputs, grid), jnp.asarray(grid.angle))
+
+
+def _by_moment(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor) -> Moment:
+    """Derivatives of the sum of all forces by what it depends on, at every instant."""
+    return _at_instants(jax.jacfwd(_forces(effects, rotor), argnums=1), grid, inputs, inputs.own)
+
+
+def _by_own(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor, k: int) -> Float[Array, "dof param coefficient"]:
+    """Derivatives of the coefficients of one force by its own parameters: analysed once for all directions in which they are wanted."""
+    single = _forces(effects[k : k + 1], rotor)
+    by_own = jax.jacfwd(lambda own, at, angle: single((own,), at, angle))
+    return _at_instants(by_own, grid, inputs, inputs.own[k]) @ jnp.asarray(grid.analysis())
+
+
+def _along(slopes: Float[Array, "dof dof instant"], x: Float[Array, "instant"], y: Float[Array, "instant"]) -> Float[Array, "dof instant"]:
+    return slopes[:, 0] * x[None] + slopes[:, 1] * y[None]
+
+
+class ForceSlopes(NamedTuple):
+    """The coefficients of the sum of all forces along a motion, and their derivatives."""
+
+    force: Coefficients
+    by_motion: Float[Array, "dof coefficient dof coefficient"]
+    moved: Callable[[tuple[Float[Array, "param"], ...], Array, Vector], Coefficients]
+    """Change of parameters, of speed and of bow -> change of the coefficients, the motion left as it is."""
+
+
+def _force_slopes(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor) -> ForceSlopes:
+    """All derivatives from one evaluation of the forces' slopes at every instant."""
+    by = _by_moment(effects, grid, inputs, rotor)
+    by_own = [_by_own(effects, grid, inputs, rotor, k) for k in range(len(effects))]
+    by_speed = _along(by.velocity, *(inputs.motion @ jnp.asarray(grid.slope(grid.angle)))) + by.speed
+    analysis = jnp.asarray(grid.analysis())
+
+    def moved(own: tuple[Array, ...], speed: Array, bow: Vector) -> Coefficients:
+        change = (_along(by.bow, *_waves_of(bow, grid, grid.angle)) + by_speed * speed) @ analysis
+        return functools.reduce(operator.add, (jnp.einsum("dpb,p->db", part, one) for part, one in zip(by_own, own, strict=True)), change)
+
+    slopes = jnp.stack([by.position, inputs.speed * by.velocity], axis=1)
+    return ForceSlopes(_force(effects, grid, inputs, rotor), _analysed(slopes, grid), moved)
 
 
 def _is_zero(tangent: Any) -> bool:
@@ -185,15 +231,15 @@ def _parameters(model: Model) -> tuple[tuple[Float[Array, "param"], ...], tuple[
     return tuple(values for values, _ in flat), tuple(effect_of for _, effect_of in flat)
 
 
-def _bow(assembled: Assembled, grid: Grid) -> Coefficients:
-    return to_real(in_space(assembled.offset) + jnp.zeros((2, len(grid.orders)), complex))
+def _bow(assembled: Assembled, grid: Grid) -> Vector:
+    nothing = jnp.zeros(len(grid.orders), complex)
+    return Vector(assembled.offset.x + nothing, assembled.offset.y + nothing)
 
 
 def total_force(model: Model) -> Callable[[Moment, Array], Float[Array, "dof"]]:
     """Moment, shaft angle -> sum of all restoring forces [N]."""
     own, effects = _parameters(model)
-    each = _forces(effects, model.rotor)
-    return lambda moment, angle: jnp.sum(each(own, moment, angle), axis=0)
+    return functools.partial(_forces(effects, model.rotor), own)
 
 
 def moments_along(condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, angle: Float[np.ndarray, "instant"]) -> Moment:
@@ -245,6 +291,12 @@ def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled:
     return System(moved, lacking, force, slopes, moved(drive), brake)
 
 
+def _per_coefficient(factors: Complex[Array, "*many order"]) -> Float[Array, "*many coefficient coefficient"]:
+    """Coefficients of a factor per order times a motion with one coefficient only; the last axis but one counts those."""
+    units = to_complex(jnp.eye(2 * factors.shape[-1] - 1))
+    return to_real(factors[..., None, :] * jnp.broadcast_to(units, (*factors.shape[:-1], *units.shape)))
+
+
 class Near(NamedTuple):
     """What is known of a steady state before it is computed."""
 
@@ -285,10 +337,54 @@ class Ready(NamedTuple):
         whole = self.model.with_orders(grid.orders)
         return Ready(whole, self.condition, grid, *by_order(whole, self.condition, grid))
 
+    def inputs(self, motion: Coefficients) -> Inputs:
+        """What the restoring forces depend on along a motion."""
+        return Inputs(_parameters(self.model)[0], self.condition.speed, motion, _bow(self.assembled, self.grid))
+
+    def lacking(self, motion: Coefficients) -> Vector:
+        """D q - F, order by order: the force that the linear rotor and its own excitation lack along a motion."""
+        pair = to_complex(motion)
+        return self.assembled.dynamic.times(Vector(pair[0], pair[1])) - self.assembled.drive
+
+    def force_slopes(self, motion: Coefficients) -> ForceSlopes:
+        """The restoring forces along a motion with all their derivatives."""
+        return _force_slopes(_parameters(self.model)[1], self.grid, self.inputs(motion), self.model.rotor)
+
     def shown(self, motion: Coefficients, orders: tuple[float, ...]) -> Complex[Array, "probe order"]:
         """What the probes show of a motion, at some orders of the grid."""
         read = _read(self.model, self.grid, self.assembled, self.chain, to_complex(motion))
-        return read[:, [self.grid.orders.index(order) for order in _on_grid(orders, self.grid)]]
+        return read[:, self._index(orders)]
+
+    def shown_slopes(self, motion: Coefficients, orders: tuple[float, ...]) -> Float[Array, "probe order 2 dof coefficient"]:
+        """Derivatives of real and imaginary parts of `shown` by the coefficients of the motion."""
+        probes, chain, grid = self.model.probes, self.chain, self.grid
+
+        def along(link: Chain, part: Assembled) -> Array:
+            rest = link.sensed(probes, part.motion_of(Vector(0.0, 0.0)))
+            return jnp.stack([link.sensed(probes, part.motion_of(unit)) - rest for unit in (Vector(1.0, 0.0), Vector(0.0, 1.0))])
+
+        sensed = _per_coefficient(jax.vmap(along, out_axes=-1)(chain, self.assembled))
+        index = self._index(orders)
+        analysis = grid.analysis()
+        complete = np.stack([analysis[:, [max(2 * k - 1, 0) for k in index]], analysis[:, [2 * k for k in index]] * (np.array(index) > 0)], axis=-1)
+        synthesis = grid.synthesis(grid.angle)
+        if [e for e in self.model.effects if isinstance(e, WaveformEffect)]:
+            waves = _waves(self.model, grid, self.assembled, chain, to_complex(motion))
+            by_wave = jax.vmap(jax.jacfwd(functools.partial(_bent, self.model)), in_axes=1, out_axes=-1)(waves)
+            products = np.einsum("son,cs->sonc", complete, synthesis)
+            analysed = jnp.einsum("pqs,sonc->pqonc", by_wave, jnp.asarray(products))
+            read = jnp.einsum("pqonc,dqkc->pondk", analysed, sensed)
+        else:
+            read = jnp.einsum("onc,dpkc->pondk", jnp.asarray(np.einsum("son,cs->onc", complete, synthesis)), sensed)
+        turn = chain.turn[jnp.array(index)][None, :, None, None]
+        real, imaginary = read[:, :, 0], read[:, :, 1]
+        turned = jnp.stack([turn.real * real - turn.imag * imaginary, turn.imag * real + turn.real * imaginary], axis=2)
+        # Order 0 is real.
+        there = np.stack([np.ones(len(index)), (np.array(index) > 0).astype(float)], axis=1)
+        return turned * jnp.asarray(there)[None, :, :, None, None]
+
+    def _index(self, orders: tuple[float, ...]) -> list[int]:
+        return [self.grid.orders.index(order) for order in _on_grid(orders, self.grid)]
 
 
 def timed_vectors(model: Model, condition: Conditions, near: Near | None = None) -> tuple[Complex[Array, "probe order"], Balance]:
@@ -330,16 +426,35 @@ def _on_grid(orders: tuple[float, ...], grid: Grid) -> list[float]:
 
 def _read(model: Model, grid: Grid, assembled: Assembled, chain: Chain, amplitudes: Complex[Array, "dof order"]) -> Complex[Array, "probe order"]:
     """What the measuring chain makes of a motion, at every order of the grid."""
-    motion = assembled.motion_of(Vector(amplitudes[0], amplitudes[1]))
-    sensed = jax.vmap(lambda link, part: link.sensed(model.probes, part), out_axes=1)(chain, motion)
-    bending = [e for e in model.effects if isinstance(e, WaveformEffect)]
-    if bending:
-        waves = to_real(sensed) @ jnp.asarray(grid.synthesis(grid.angle))
-        for effect in bending:
-            waves = jax.vmap(effect.distorted, in_axes=1, out_axes=1)(waves)
-        sensed = to_complex(waves @ jnp.asarray(grid.analysis()))
+    if any(isinstance(e, WaveformEffect) for e in model.effects):
+        waves = jax.vmap(functools.partial(_bent, model), in_axes=1, out_axes=1)(_waves(model, grid, assembled, chain, amplitudes))
+        analysis = grid.analysis()
+        # Of order 0 there is no imaginary part.
+        imaginary = np.concatenate([np.zeros((len(analysis), 1)), analysis[:, 2::2]], axis=1)
+        real = np.concatenate([analysis[:, :1], analysis[:, 1::2]], axis=1)
+        sensed = jax.lax.complex(waves @ jnp.asarray(real), waves @ jnp.asarray(imaginary))
+    else:
+        sensed = _sensed(model, assembled, chain, amplitudes)
     read = sensed * chain.turn[None]
     return read.at[:, 0].set(read[:, 0].real + 0j)
+
+
+def _sensed(model: Model, assembled: Assembled, chain: Chain, amplitudes: Complex[Array, "dof order"]) -> Complex[Array, "probe order"]:
+    """What the probes deliver of a motion, before anything bends the waveform."""
+    motion = assembled.motion_of(Vector(amplitudes[0], amplitudes[1]))
+    return jax.vmap(lambda link, part: link.sensed(model.probes, part), out_axes=1)(chain, motion)
+
+
+def _waves(model: Model, grid: Grid, assembled: Assembled, chain: Chain, amplitudes: Complex[Array, "dof order"]) -> Float[Array, "probe instant"]:
+    return waveform(_sensed(model, assembled, chain, amplitudes), grid, grid.angle)
+
+
+def _bent(model: Model, waveform: Float[Array, "probe"]) -> Float[Array, "probe"]:
+    """What the probes make of it at one instant."""
+    for effect in model.effects:
+        if isinstance(effect, WaveformEffect):
+            waveform = effect.distorted(waveform)
+    return waveform
 
 
 def measured_motion(model: Model, condition: Conditions, shown: Complex[Array, "probe order"], present: Bool[Array, "probe order"]) -> Coefficients:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.inference.descent import HOPELESS, QUICK, End, Manner, Start, best_of, descend, starts_at
+from rotorjax.inference.descent import HOPELESS, QUICK, End, Start, best_of, descend, starts_at
 from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.measurement import Measurement
@@ -27,6 +27,8 @@ NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
 """Most alternations between a race and the noise that its leader leaves, and of the leader's fit and its own misfit."""
 NOISE_CHANGE = 0.05
 """Relative change of the noise below which it stands."""
+NOISE_FALL = 0.5
+"""What is left of the noise where motions found before are not gone on with."""
 NONE_ODDS = 0.5
 """Prior probability that nothing is missing; the rest is shared by family, then by member."""
 
@@ -170,38 +172,38 @@ Known = dict[Effects, Contender]
 """Contenders fitted before: where to start, and what need not be fitted again."""
 
 
-def race(
-    contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, manner: Manner = QUICK, reference: Float[np.ndarray, "param"] | None = None
-) -> Known:
+def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, *, also: Known | None = None, afresh: bool = False) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
-    **Arguments:** ``reference``: where the influence of what scatters between runs is taken; by default at the most probable that is known.
+    The influence of what scatters between runs is taken at the most probable that is known.
+    **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further starts; ``afresh``: begin at the
+    parameters known with motions as measured, too: those that balanced where much was allowed for misfit may lie beyond a wall.
     """
     wanted = list(dict.fromkeys(hypotheses))
     if not wanted:
         return {}
-    if reference is None:
-        reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
+    reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
     data, found = contest.data(noise, reference), {}
     # The smaller sets first: the larger ones begin where those ended.
     for size in sorted({len(effects) for effects in wanted}):
         level = [effects for effects in wanted if len(effects) == size]
-        for effects, ends in _fitted(contest, data, level, {**known, **found}, manner).items():
+        for effects, ends in _fitted(contest, data, level, {**known, **found}, also or {}, afresh=afresh).items():
             found[effects] = contender_of(effects, ends, _misfit_numbers(contest, noise))
     return found
 
 
-def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, manner: Manner) -> dict[Effects, list[End]]:
+def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, also: Known, *, afresh: bool) -> dict[Effects, list[End]]:
     """Ends of all descents of each set."""
     starts, masks, owner = [], [], []
     for effects in wanted:
         mask = contest.free(effects)
-        for start in _starts(contest, effects, mask, known):
+        further = [Start.at(end) for end in also[effects].ends] if effects in also and effects & contest.timed else []
+        for start in (*_starts(contest, effects, mask, known, afresh=afresh), *further):
             starts.append(start)
             masks.append(mask)
             owner.append(effects)
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=manner)
+    ends = descend(contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=QUICK)
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
 
@@ -210,10 +212,12 @@ def _misfit_numbers(contest: Contest, noise: Noise) -> int | None:
     return contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
 
 
-def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known) -> list[Start]:
+def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, *, afresh: bool) -> list[Start]:
     """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
     if effects in known:
-        return [Start.at(end) for end in known[effects].ends]
+        ends = known[effects].ends
+        again = [Start(end.point) for end in ends] if afresh and effects & contest.timed else []
+        return [Start.at(end) for end in ends] + again
     near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
     parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if effects & contest.timed else MOST_PARENTS]]
     starts: list[Start] = []
@@ -270,25 +274,29 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     hypothesis be dragged into a corner by data that it cannot meet. **Arguments:** ``noise``: where to begin.
     """
     wanted = list(dict.fromkeys(hypotheses))
+    exact: Known = {}
     if contest.measurement.sigma is not None:
         exact = race(contest, contest.floor, wanted, known)
         leader = _leader(contest, exact, wanted)
         if misfit_left(contest, exact[leader], contest.floor) == contest.floor.allowance:
             return Race(contest.floor, exact, leader)
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    found = {**known, **race(contest, noise, wanted, known)}
+    found = {**known, **race(contest, noise, wanted, known, also=exact)}
     for _ in range(NOISE_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
         if _same(quiet, noise):
             break
-        noise = quiet
-        best = found[leader].log_evidence
         # What was hopeless under more noise stays so under less.
-        near = [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS]
-        found.update(race(contest, noise, near, found))
+        found.update(race(contest, quiet, _near(found, wanted), found, afresh=_falls(quiet, noise)))
+        noise = quiet
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))
+
+
+def _near(found: Known, wanted: list[Effects]) -> list[Effects]:
+    best = max(found[effects].log_evidence for effects in wanted)
+    return [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS]
 
 
 def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
@@ -301,9 +309,13 @@ def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Nois
         after = noise._replace(allowance=misfit_left(contest, contender, noise))
         if _same(after, noise):
             break
+        contender = race(contest, after, [contender.effects], {contender.effects: contender}, afresh=_falls(after, noise))[contender.effects]
         noise = after
-        contender = race(contest, noise, [contender.effects], {contender.effects: contender})[contender.effects]
     return noise, contender
+
+
+def _falls(after: Noise, before: Noise) -> bool:
+    return after.allowance < NOISE_FALL * before.allowance
 
 
 def _same(one: Noise, other: Noise) -> bool:

@@ -16,16 +16,15 @@ from jaxtyping import Bool, Complex, Float, Int
 from rotorjax._core import COARSE, CONVERGED, FINE, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Tolerance
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
+from rotorjax.inference.motions import balanced, first_motions
 from rotorjax.inference.prior import Prior, prior_at, together
 from rotorjax.space import Space
 
 HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
-FIRST_MOTION = 10.0
-"""Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
 LARGEST_DAMPING = 1e4
-SHORTEST = 1e-3
-"""Share of a step of Newton's method below which no balance is looked for."""
+WELL, POORLY = 0.5, 0.25
+"""Shares of the fall that a step promises, down to which the next ones are damped less, and below which more."""
 BALANCED = 0.3
 """Standard errors by which the reading of a motion may be off what balance would make of it."""
 
@@ -47,7 +46,6 @@ class Manner(NamedTuple):
     """Relative rise of the cost that does not count while motions do not balance."""
     tight: float = 0.1
     """Standard errors by which the reading of a motion without freedom may be off balance before it is moved towards it."""
-    balancing_steps: int = 12
     largest_step: float = 1.0
     """Of the motion of a case, in its size."""
     rivals: int = 3
@@ -171,44 +169,11 @@ def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> 
     found = lin.at([d.trial for d in going], [d.task.free for d in going])
     astray = [k for k, one in enumerate(found) if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > manner.tight)]
     if astray:
-        trials = _balanced(lin, [found[k] for k in astray], manner)
-        again = lin.at(trials, [going[k].task.free for k in astray])
-        found = [again[astray.index(k)] if k in astray else one for k, one in enumerate(found)]
+        trials, cases = balanced(lin, [found[k] for k in astray], manner.tight)
+        again = lin.timed_at(trials, [going[k].task.free for k in astray], cases)
+        for k, near, one in zip(astray, cases, again, strict=True):
+            found[k] = found[k].with_cases(near, one)
     return found
-
-
-def _balanced(lin: Linearisation, astray: list[Linearised], manner: Manner) -> list[Point]:
-    """Motions moved towards balance under parameters that stay: Newton's method, its steps shortened until the force that is lacking falls.
-
-    The cases have nothing to do with one another.
-    """
-    motions = [one.freedom.followed.copy() for one in astray if one.freedom is not None]
-    for refined in (False, True):
-        rows = [
-            (k, case) for k, one in enumerate(astray) if one.point.refined == refined and one.freedom is not None
-            for case in np.flatnonzero(one.freedom.off > manner.tight)
-        ]  # fmt: skip
-        if not rows:
-            continue
-        which, cases = np.array(rows).T
-        unknowns = np.stack([astray[k].point.unknowns for k in which])
-        state = np.stack([motions[k][case] for k, case in rows])
-        here, share = lin.imbalance(unknowns, cases, state, refined=refined), np.ones(len(rows))
-        for _ in range(manner.balancing_steps):
-            alive = np.flatnonzero((here.off > manner.tight) & (share > SHORTEST) & np.isfinite(here.size))
-            if not len(alive):
-                break
-            trial = here.followed[alive].copy()
-            trial[..., : lin.kernels.coefficients] += share[alive, None, None, None] * here.step[alive]
-            there = lin.imbalance(unknowns[alive], cases[alive], trial, refined=refined)
-            better = there.size < here.size[alive]
-            share[alive] = np.where(better, np.minimum(1.0, 2.0 * share[alive]), 0.3 * share[alive])
-            for old, new in zip(here, there, strict=True):
-                old[alive[better]] = new[better]
-            state[alive[better]] = trial[better]
-        for row, (k, case) in enumerate(rows):
-            motions[k][case] = state[row]
-    return [one.point._replace(motions=moved) for one, moved in zip(astray, motions, strict=True)]
 
 
 def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner) -> None:
@@ -224,26 +189,6 @@ def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner
             ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
                 one.give_up(one.patient and (place >= manner.rivals or any(one.joins(other) for other in ranked[:place])))
-
-
-def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) -> list[Float[np.ndarray, "case speed dof wide"]]:
-    """Motions that show what was measured, and balance the rotor without forces that depend on motion as nearly as that allows.
-
-    A single linear solve for each point.
-    """
-    plain = [np.where(lin.space.timed(), 0.0, point) for point in points]
-    distinct = list({point.tobytes(): point for point in plain}.values())
-    if not distinct:
-        return []
-    none, rest = np.zeros(0, int), np.zeros((*lin.speeds.shape, 2, lin.kernels.wide))
-    every = _Task(none, np.ones(lin.cases, bool), None)
-    reach = max(float(np.abs(lin.data.pairs).max()), 1e-9)
-    noise = 1.0 / max(float(np.median(lin.data.weight[lin.data.weight > 0.0])), 1e-300)
-    known = {}
-    for one in lin.at([Point(point, rest) for point in distinct], [none] * len(distinct)):
-        step = _Normal(lin, one, every, FIRST_MOTION * max(reach, noise)).motion_step(np.zeros(0))
-        known[one.point.unknowns.tobytes()] = lin.moved(one, step)
-    return [known[point.tobytes()] for point in plain]
 
 
 class _Task(NamedTuple):
@@ -324,6 +269,7 @@ class _Descent:
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
         self.normal: _Normal | None = None
         self.since = self.stalled = 0
+        self.promised = 0.0
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
@@ -368,7 +314,8 @@ class _Descent:
             self.result, self.done = NOT_FINITE, True
             return
         if taken and not first:
-            self.damping, self.cap = max(0.1 * self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
+            self.damping *= self._kept_damping(before - self.cost)
+            self.damping, self.cap = max(self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
         elif not taken:
             self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
         if taken:
@@ -382,6 +329,12 @@ class _Descent:
             self.done = True
         elif self.freedom == 0.0 and self._off() < BALANCED and (decrement <= limit or fallen):
             self._arrived()
+
+    def _kept_damping(self, fall: float) -> float:
+        """Share of the damping that is kept: little where the cost fell as promised (Marquardt), none taken off where it hardly did."""
+        if self.freedom > 0.0 or fall > WELL * self.promised:
+            return 0.1
+        return 0.5 if fall > POORLY * self.promised else 2.0
 
     def _take(self, there: Linearised, first: bool) -> bool:
         """Go on from a trial, if it is better."""
@@ -431,7 +384,7 @@ class _Descent:
         free, point = self.task.free, self.here.point
         unknowns, step = point.unknowns.copy(), np.zeros(len(free))
         gradient = self.normal.gradient + self.prior.weight * unknowns[free]
-        hessian = self.normal.hessian + np.diag(self.prior.weight)
+        hessian = self.normal.hessian + np.diag(self.prior.weight + self._bent(unknowns[free]))
         decrement = 0.0
         if len(free):
             scale = 1.0 / np.sqrt(np.diag(hessian))
@@ -439,12 +392,19 @@ class _Descent:
             downhill = scale * gradient
             decrement = 0.5 * float(downhill @ np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill))
             step = -scale * np.linalg.solve(scaled + self.damping * np.eye(len(free)), downhill)
+            self.promised = float(-gradient @ step - 0.5 * step @ hessian @ step)
         unknowns[free] += step
         motions = None
         if self.timed:
             motions = self._capped(self.normal.motion_step(step))
         self.trial = Point(unknowns, motions, point.refined)
         return decrement
+
+    def _bent(self, unknowns: Float[np.ndarray, "free"]) -> Float[np.ndarray, "free"]:
+        """Second derivatives that squares of residuals leave out, of unknowns of which only the square counts: the gradient over the unknown."""
+        assert self.normal is not None
+        even = self.lin.even[self.task.free] & (unknowns != 0.0)
+        return np.where(even, np.maximum(self.normal.gradient / np.where(even, unknowns, 1.0), 0.0), 0.0)
 
     def _capped(self, change: Float[np.ndarray, "case motion"]) -> Float[np.ndarray, "case speed dof wide"]:
         """The motions after a step that is no longer than a share of each."""
@@ -465,10 +425,9 @@ class _Descent:
         curvature = normal.hessian + np.diag(self.prior.weight)
         error = here.error if self.task.shift is None else here.error + self.task.shift
         exact = not self.timed or (self._off() < BALANCED and here.point.refined)
-        motions = None if here.freedom is None else here.freedom.followed
         return End(
             here.point.unknowns, normal.cost + self.prior.cost, free, curvature, self.prior, Local(error, here.slopes), lin.vectors(here.shown),
-            motions, self.steps, self.result, exact,
+            here.point.motions, self.steps, self.result, exact,
         )  # fmt: skip
 
 

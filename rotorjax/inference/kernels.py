@@ -5,27 +5,31 @@ number of cases, runs, starts or free unknowns: each kernel is compiled once, an
 """
 
 import dataclasses
+import functools
+import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 
-from rotorjax._core import AnyArray, real_pair
+from rotorjax._core import numpy_pair
+from rotorjax._planar import Vector
 from rotorjax.harmonic import Grid, make_grid
 from rotorjax.model import Conditions, Layout
 from rotorjax.response import linear_vectors
 from rotorjax.space import Space
 from rotorjax.steady import Ready, without_timed
 
-CHUNK, COLUMNS = 32, 4
-"""Rows evaluated together, and unknowns by which slopes are taken in one go."""
+LINEAR_CHUNK, BALANCED_CHUNK = 64, 16
+"""Rows evaluated together: few of the costly ones, as the last chunk is filled up."""
+COLUMNS = 8
+"""Unknowns by which slopes are taken in one go."""
 
 
 _WORKERS = ThreadPoolExecutor(os.cpu_count())
@@ -69,11 +73,13 @@ class Refined(NamedTuple):
 
 
 class Kernels:
-    """The kernels of one parameter space, and how many rows they have evaluated."""
+    """The kernels of one parameter space."""
 
     def __init__(self, space: Space) -> None:
-        self.space = _nameless(space)
         self.grid: Grid = make_grid(space.model.layout.orders)
+        # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
+        self._leaves, structure = jax.tree.flatten(_nameless(space))
+        self._linear, self._balanced, self._refined = (_compiled(kernel, structure) for kernel in (_linear, _balanced, _refined))
 
     @property
     def coefficients(self) -> int:
@@ -87,29 +93,81 @@ class Kernels:
 
     def linear(self, rows: Rows) -> Reading:
         """Every order in closed form, forces that depend on motion left out."""
-        return Reading(*_in_chunks(_linear, self.space, rows))
+        shown, slopes = self._in_chunks(self._linear, LINEAR_CHUNK, rows)
+        return Reading(_cells(shown), _cells_by_column(slopes))
 
     def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
         """Orders that depend on one another, along a motion that need not be one."""
-        return Equations(*_in_chunks(_balanced, self.space, (*rows, motion)))
+        parts = iter(self._in_chunks(self._balanced, BALANCED_CHUNK, (*rows, motion)))
+        size = motion[0].size
+        shown, shown_slopes, shown_by_motion = _cells(next(parts)), _cells_by_column(next(parts)), next(parts)
+        lacking, lacking_slopes = (_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
+        dynamic = [[next(parts), next(parts)], [next(parts), next(parts)]]
+        force, force_slopes, force_by_motion = parts
+        _add_dynamic(force_by_motion, dynamic)
+        return Equations(
+            shown,
+            shown_by_motion.reshape(*shown.shape, size),
+            shown_slopes,
+            (force + lacking).reshape(-1, size),
+            force_by_motion.reshape(-1, size, size),
+            np.moveaxis((force_slopes + lacking_slopes).reshape(*shown_slopes.shape[::2], size), 1, 2),
+        )
 
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
         """Many orders at many instants along a refined motion."""
-        return Refined(*_in_chunks(_refined, self.space, (*rows, motion)))
+        return Refined(*self._in_chunks(self._refined, BALANCED_CHUNK, (*rows, motion)))
+
+    def _in_chunks(self, kernel: Callable[..., Any], size: int, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+        """A kernel at any number of rows; the last chunk is filled up with copies of its last row."""
+        count = len(rows[0])
+
+        def chunk(first: int) -> list[np.ndarray]:
+            index = np.minimum(np.arange(first, first + size), count - 1)
+            return [np.asarray(part) for part in kernel(self._leaves, *(values[index] for values in rows))]
+
+        firsts = range(0, count, size)
+        # The first by itself: it may have to be compiled.
+        parts = [chunk(0), *_WORKERS.map(chunk, firsts[1:])]
+        return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
 
 
-def _in_chunks(kernel: Callable[..., tuple[Array, ...]], space: Space, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-    """A kernel at any number of rows; the last chunk is filled up with copies of its last row."""
-    count = len(rows[0])
+def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:
+    """Real and imaginary part of every probe and order in a row."""
+    return numpy_pair(vectors).reshape(*vectors.shape[:-2], -1)
 
-    def chunk(first: int) -> list[np.ndarray]:
-        index = np.minimum(np.arange(first, first + CHUNK), count - 1)
-        return [np.asarray(part) for part in kernel(space, *(values[index] for values in rows))]
 
-    firsts = range(0, count, CHUNK)
-    # The first by itself: it may have to be compiled.
-    parts = [chunk(0), *_WORKERS.map(chunk, firsts[1:])]
-    return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> Float[np.ndarray, "row cell column"]:
+    return np.moveaxis(_cells(slopes), 1, 2)
+
+
+def _coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
+    """As `rotorjax.harmonic.to_real`."""
+    return np.concatenate([np.real(amplitudes[..., :1]), numpy_pair(amplitudes[..., 1:]).reshape(*amplitudes.shape[:-1], -1)], axis=-1)
+
+
+def _add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficient"], dynamic: list[list[np.ndarray]]) -> None:
+    """Add a complex factor per order, row x order for each pair of directions, as it acts on coefficients; that of order 0 is real."""
+    for (i, row), j in itertools.product(enumerate(dynamic), range(len(dynamic))):
+        real, imaginary = np.real(row[j]), np.imag(row[j])
+        block = by_motion[:, i, :, j]
+        block[:, 0, 0] += real[:, 0]
+        for order in range(1, real.shape[1]):
+            re, im = 2 * order - 1, 2 * order
+            block[:, re, re] += real[:, order]
+            block[:, im, im] += real[:, order]
+            block[:, re, im] -= imaginary[:, order]
+            block[:, im, re] += imaginary[:, order]
+
+
+@functools.lru_cache
+def _compiled(kernel: Callable[..., tuple[Array, ...]], structure: Any) -> Callable[..., tuple[Array, ...]]:
+    """A kernel that takes the leaves of a space."""
+
+    def of_leaves(leaves: list[Array], *rows: Array) -> tuple[Array, ...]:
+        return kernel(jax.tree.unflatten(structure, leaves), *rows)
+
+    return jax.jit(of_leaves)
 
 
 def _nameless(space: Space) -> Space:
@@ -120,54 +178,46 @@ def _nameless(space: Space) -> Space:
     return dataclasses.replace(space, model=dataclasses.replace(space.model, layout=blank, slow_roll=None), entries=())
 
 
-def _one_hot(columns: AnyArray, size: int) -> Float[Array, "column param"]:
+def _one_hot(columns: Array, size: int) -> Float[Array, "column param"]:
     return (jnp.asarray(columns)[:, None] == jnp.arange(size)[None]).astype(float)
 
 
-def _cells(vectors: Array) -> Array:
-    return real_pair(vectors).reshape(-1)
-
-
-@eqx.filter_jit
-def _linear(space: Space, unknowns: AnyArray, columns: AnyArray, speed: AnyArray, unbalance: AnyArray, bow: AnyArray) -> tuple[Array, Array]:
+def _linear(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array) -> tuple[Array, Array]:
     def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
         def shown(at: Array) -> Array:
-            return _cells(linear_vectors(without_timed(space.at(at)), Conditions(*condition)))
+            return linear_vectors(without_timed(space.at(at)), Conditions(*condition))
 
         value, push = jax.linearize(shown, u)
-        return value, jax.vmap(push, out_axes=-1)(_one_hot(wanted, len(u)))
+        return value, jax.vmap(push)(_one_hot(wanted, len(u)))
 
-    return jax.vmap(row)(*map(jnp.asarray, (unknowns, columns, speed, unbalance, bow)))
+    return jax.vmap(row)(unknowns, columns, speed, unbalance, bow)
 
 
-@eqx.filter_jit
-def _balanced(space: Space, unknowns: AnyArray, columns: AnyArray, speed: AnyArray, unbalance: AnyArray, bow: AnyArray, motions: AnyArray) -> tuple[Array, ...]:
+def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, ...]:
     orders = space.model.layout.orders
 
     def row(u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, ...]:
         condition = Conditions(speed, unbalance, bow)
 
-        def both(at: Array) -> tuple[Array, Array]:
+        def along(at: Array) -> tuple[Array, Vector, tuple[tuple[Array, ...], Array, Vector]]:
             ready = Ready.of(space.at(at), condition)
-            system = ready.system
-            return _cells(ready.shown(motion, orders)), (system.lacking(motion) + system.force(motion)).ravel()
+            inputs = ready.inputs(motion)
+            return ready.shown(motion, orders), ready.lacking(motion), (inputs.own, inputs.speed, inputs.bow)
 
-        (shown, force), push = jax.linearize(both, u)
-        slopes, force_slopes = jax.vmap(push, out_axes=-1)(_one_hot(wanted, len(u)))
+        (shown, lacking, _), push = jax.linearize(along, u)
         ready = Ready.of(space.at(u), condition)
-        by_motion = jax.jacfwd(lambda q: _cells(ready.shown(q, orders)))(motion)
-        system = ready.system
-        stiffness = jax.jacfwd(system.lacking)(motion) + system.slopes(motion)
-        size = motion.size
-        return shown, by_motion.reshape(-1, size), slopes, force, stiffness.reshape(size, size), force_slopes
+        forces, dynamic = ready.force_slopes(motion), ready.assembled.dynamic
+        shown_slopes, lacking_slopes, moved = jax.vmap(push)(_one_hot(wanted, len(u)))
+        # Parts by themselves: to put them side by side costs more in compiled code than outside.
+        return (
+            shown, shown_slopes, ready.shown_slopes(motion, orders), lacking.x, lacking.y, lacking_slopes.x, lacking_slopes.y,
+            dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, forces.force, jax.vmap(lambda one: forces.moved(*one))(moved), forces.by_motion,
+        )  # fmt: skip
 
-    return jax.vmap(row)(*map(jnp.asarray, (unknowns, columns, speed, unbalance, bow, motions)))
+    return jax.vmap(row)(unknowns, columns, speed, unbalance, bow, motions)
 
 
-@eqx.filter_jit
-def _refined(
-    space: Space, unknowns: AnyArray, columns: AnyArray, speed: AnyArray, unbalance: AnyArray, bow: AnyArray, motions: AnyArray
-) -> tuple[Array, Array]:
+def _refined(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, Array]:
     del columns
 
     def row(u: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, Array]:
@@ -179,4 +229,4 @@ def _refined(
         follows = system.free - system.moved(force)
         return low.ravel(), jnp.concatenate([motion[:, :count], follows[:, count:]], axis=1)
 
-    return jax.vmap(row)(*map(jnp.asarray, (unknowns, speed, unbalance, bow, motions)))
+    return jax.vmap(row)(unknowns, speed, unbalance, bow, motions)

@@ -44,6 +44,8 @@ class Freedom(NamedTuple):
     newton_slopes: Float[np.ndarray, "case motion free"]
     by_force: Float[np.ndarray, "case motion motion"]
     """G⁻¹ W⁻¹: motion per force that is left, that force as a displacement."""
+    seen: Float[np.ndarray, "case cell motion"]
+    """s_q / σ: what is seen of a motion, in standard errors per metre."""
     reach: Float[np.ndarray, "case cell motion"]
     """X W⁻¹: the same in the vectors, in standard errors per metre."""
     off: Float[np.ndarray, "case"]
@@ -75,6 +77,14 @@ class Linearised(NamedTuple):
     slopes: Float[np.ndarray, "case cell free"]
     freedom: Freedom | None
 
+    def with_cases(self, cases: Int[np.ndarray, "near"], other: "Linearised") -> "Linearised":
+        """Some cases in the place of their own, linearised at other motions."""
+        assert self.freedom is not None
+        assert other.freedom is not None
+        freedom = Freedom(*(_replaced(old, cases, new) for old, new in zip(self.freedom, other.freedom, strict=True)))
+        shown, error, slopes = (_replaced(getattr(self, part), cases, getattr(other, part)) for part in ("shown", "error", "slopes"))
+        return Linearised(other.point, shown, error, slopes, freedom)
+
     @property
     def finite(self) -> bool:
         """Whether it can be used at all."""
@@ -93,12 +103,30 @@ class Budget:
         return self.limit is not None and self.spent >= self.limit
 
 
+class _Task(NamedTuple):
+    """What is evaluated together."""
+
+    point: Point
+    free: Int[np.ndarray, "free"]
+    cases: Int[np.ndarray, "near"]
+
+    @property
+    def blocks(self) -> int:
+        """As many evaluations as slopes by all that is free take."""
+        return max(1, math.ceil(len(self.free) / COLUMNS))
+
+    @property
+    def motions(self) -> Float[np.ndarray, "near speed dof wide"]:
+        """Of these cases."""
+        return np.asarray(self.point.motions)[self.cases]
+
+
 class Linearisation:
     """One measurement and one parameter space: linearises at many points in the same compiled calls."""
 
     def __init__(self, space: Space, data: Data, budget: Budget) -> None:
         self.space, self.data, self.budget = space, data, budget
-        self.kernels = Kernels(space)
+        self.kernels, self.even = Kernels(space), space.even()
         model = space.model
         speeds = [np.asarray(data.speed)]
         if model.slow_roll is not None:
@@ -120,54 +148,58 @@ class Linearisation:
         found: list[Linearised | None] = [None] * len(points)
         timed = [k for k, point in enumerate(points) if point.motions is not None]
         plain = [k for k, point in enumerate(points) if point.motions is None]
-        for group, linearise in ((plain, self._plain), (timed, self._timed)):
+        for group, linearise in ((plain, self._plain), (timed, self.timed_at)):
             if group:
                 for k, one in zip(group, linearise([points[k] for k in group], [free[k] for k in group]), strict=True):
                     found[k] = one
         return [one for one in found if one is not None]
 
-    def _rows(self, points: Sequence[Point], free: Sequence[np.ndarray]) -> tuple[Rows, list[int]]:
-        """Rows of all points, block of free unknowns by block; and the number of blocks of each point."""
-        blocks = [max(1, math.ceil(len(columns) / COLUMNS)) for columns in free]
-        per = self.speeds.size
-        unknowns, wanted = [], []
-        for point, columns, count in zip(points, free, blocks, strict=True):
-            padded = np.full(count * COLUMNS, -1)
-            padded[: len(columns)] = columns
-            unknowns += [np.broadcast_to(point.unknowns, (per, len(point.unknowns)))] * count
-            wanted += [np.broadcast_to(block, (per, COLUMNS)) for block in padded.reshape(count, COLUMNS)]
-        total, kinds = sum(blocks), self.speeds.shape[1]
-        conditions = (np.repeat(np.asarray(values), kinds, axis=0) for values in (self.data.unbalance, self.data.bow))
-        each = [np.tile(values, (total,) + (1,) * (values.ndim - 1)) for values in (self.speeds.ravel(), *conditions)]
-        self.budget.spent += total * self.cases
-        return Rows(np.concatenate(unknowns), np.concatenate(wanted), *each), blocks
+    def _tasks(self, points: Sequence[Point], free: Sequence[np.ndarray], cases: Sequence[np.ndarray] | None = None) -> list[_Task]:
+        """All that is evaluated, counted."""
+        every = np.arange(self.cases)
+        tasks = [_Task(point, own, every if cases is None else cases[k]) for k, (point, own) in enumerate(zip(points, free, strict=True))]
+        self.budget.spent += sum(task.blocks * len(task.cases) for task in tasks)
+        return tasks
 
-    def _split(self, values: np.ndarray, blocks: list[int]) -> list[np.ndarray]:
-        """Back to one array a point: block x case x speed x what follows."""
-        shaped = values.reshape(sum(blocks), *self.speeds.shape, *values.shape[1:])
-        return np.split(shaped, np.cumsum(blocks)[:-1])
+    def _rows(self, tasks: list[_Task]) -> Rows:
+        """Rows of all tasks: block of free unknowns by block, in each case by case, in each speed by speed."""
+        kinds, unknowns, wanted, which = self.speeds.shape[1], [], [], []
+        for task in tasks:
+            count = len(task.cases) * kinds
+            padded = np.full(task.blocks * COLUMNS, -1)
+            padded[: len(task.free)] = task.free
+            unknowns.append(np.broadcast_to(task.point.unknowns, (task.blocks * count, len(task.point.unknowns))))
+            wanted.append(np.repeat(padded.reshape(task.blocks, COLUMNS), count, axis=0))
+            which.append(np.tile(task.cases, task.blocks))
+        case = np.concatenate(which)
+        conditions = (np.repeat(np.asarray(values)[case], kinds, axis=0) for values in (self.data.unbalance, self.data.bow))
+        return Rows(np.concatenate(unknowns), np.concatenate(wanted), self.speeds[case].ravel(), *conditions)
+
+    def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
+        """Back to one array a task: block x case x speed x what follows."""
+        kinds = self.speeds.shape[1]
+        ends = np.cumsum([task.blocks * len(task.cases) * kinds for task in tasks])[:-1]
+        parts = np.split(values, ends)
+        return [part.reshape(task.blocks, len(task.cases), kinds, *values.shape[1:]) for part, task in zip(parts, tasks, strict=True)]
 
     def _plain(self, points: list[Point], free: list[np.ndarray]) -> list[Linearised]:
-        rows, blocks = self._rows(points, free)
-        shown, slopes = (self._split(part, blocks) for part in self.kernels.linear(rows))
+        tasks = self._tasks(points, free)
+        shown, slopes = (self._split(part, tasks) for part in self.kernels.linear(self._rows(tasks)))
         found = []
-        for k, point in enumerate(points):
+        for k, task in enumerate(tasks):
             read = self._less_slow_roll(shown[k][0])
-            by_free = self._less_slow_roll(_joined(slopes[k], len(free[k])))
-            found.append(self._held_against(point, read, by_free, None))
+            by_free = self._less_slow_roll(_joined(slopes[k], len(task.free)))
+            found.append(self._held_against(task, read, by_free, None))
         return found
 
-    def _timed(self, points: list[Point], free: list[np.ndarray]) -> list[Linearised]:
-        rows, blocks = self._rows(points, free)
+    def timed_at(self, points: Sequence[Point], free: Sequence[Int[np.ndarray, "_"]], cases: Sequence[Int[np.ndarray, "_"]] | None = None) -> list[Linearised]:
+        """The same where orders depend on one another; on some ``cases`` of each point only, if so wanted."""
+        tasks = self._tasks(points, free, cases)
         count = self.kernels.coefficients
-        wide = np.concatenate([np.repeat(self._flat(point)[None], n, axis=0).reshape(-1, *self._flat(point).shape[1:])
-                               for point, n in zip(points, blocks, strict=True)])  # fmt: skip
-        parts = [self._split(part, blocks) for part in self.kernels.balanced(rows, wide[..., :count])]
-        refined = self._refined(points, free)
-        found = []
-        for k, point in enumerate(points):
-            found.append(self._eliminated(point, Equations(*(part[k] for part in parts)), refined.get(k), len(free[k])))
-        return found
+        wide = np.concatenate([np.concatenate([self._flat(task)] * task.blocks) for task in tasks])
+        parts = [self._split(part, tasks) for part in self.kernels.balanced(self._rows(tasks), wide[..., :count])]
+        refined = self._refined(tasks)
+        return [self._eliminated(task, Equations(*(part[k] for part in parts)), refined.get(k)) for k, task in enumerate(tasks)]
 
     def imbalance(
         self, unknowns: Float[np.ndarray, "row param"], cases: Int[np.ndarray, "row"], motions: Float[np.ndarray, "row speed dof wide"], *, refined: bool
@@ -187,29 +219,27 @@ class Linearisation:
         off = np.abs(self._less_slow_roll(read) * self._weight[cases]).max(axis=1)
         return Imbalance(size, off, step.reshape(*motions.shape[:3], count), followed.reshape(motions.shape))
 
-    def _flat(self, point: Point) -> Float[np.ndarray, "row dof wide"]:
-        motions = np.asarray(point.motions)
+    def _flat(self, task: _Task) -> Float[np.ndarray, "row dof wide"]:
+        motions = task.motions
         return motions.reshape(-1, *motions.shape[2:])
 
-    def _refined(self, points: list[Point], free: list[np.ndarray]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """Force and motion of those points that want the refined one."""
-        fine = [k for k, point in enumerate(points) if point.refined]
+    def _refined(self, tasks: list[_Task]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Force and motion of those tasks that want the refined one."""
+        fine = [k for k, task in enumerate(tasks) if task.point.refined]
         if not fine:
             return {}
-        none = [np.zeros(0, int)] * len(fine)
-        spent = self.budget.spent
-        rows, blocks = self._rows([points[k] for k in fine], none)
-        self.budget.spent = spent
-        force, motion = self.kernels.refined(rows, np.concatenate([self._flat(points[k]) for k in fine]))
-        forces, motions = self._split(force, blocks), self._split(motion, blocks)
+        own = [tasks[k]._replace(free=np.zeros(0, int)) for k in fine]
+        force, motion = self.kernels.refined(self._rows(own), np.concatenate([self._flat(task) for task in own]))
+        forces, motions = self._split(force, own), self._split(motion, own)
         return {k: (forces[i][0], motions[i][0]) for i, k in enumerate(fine)}
 
-    def _eliminated(self, point: Point, eq: Equations, refined: tuple[np.ndarray, np.ndarray] | None, free: int) -> Linearised:
+    def _eliminated(self, task: _Task, eq: Equations, refined: tuple[np.ndarray, np.ndarray] | None) -> Linearised:
         """The motions eliminated, case by case. Leading axes of the equations: block, case, speed."""
+        free, cases, weight = len(task.free), len(task.cases), self._weight[task.cases]
         force = eq.force[0] if refined is None else refined[0]
         inverse = _inverse(eq.force_by_motion[0])
         dof = eq.force.shape[-1] // self.kernels.coefficients
-        by_force = inverse / np.tile(self._per_force, dof)[:, :, None, :]
+        by_force = inverse / np.tile(self._per_force[task.cases], dof)[:, :, None, :]
         newton = np.einsum("csij,csj->csi", inverse, force)
         newton_slopes = inverse @ _joined(eq.force_slopes, free)
         read = eq.shown_by_motion[0]
@@ -217,26 +247,26 @@ class Linearisation:
         shown = self._less_slow_roll(eq.shown[0] - off)
         slopes = self._less_slow_roll(_joined(eq.slopes, free) - read @ newton_slopes)
         sign = np.array([1.0, -1.0])[: self.speeds.shape[1], None, None]
-        reach = np.concatenate(np.moveaxis(sign * (read @ by_force), 1, 0), axis=-1) * self._weight[..., None]
-        unread = np.abs(self._less_slow_roll(off) * self._weight).max(axis=1)
+        seen, reach = (np.concatenate(np.moveaxis(sign * by_motion, 1, 0), axis=-1) * weight[..., None] for by_motion in (read, read @ by_force))
+        unread = np.abs(self._less_slow_roll(off) * weight).max(axis=1)
         freedom = Freedom(
-            newton.reshape(self.cases, -1), newton_slopes.reshape(self.cases, reach.shape[-1], free), _block_diagonal(by_force), reach, unread,
-            np.asarray(point.motions) if refined is None else refined[1],
+            newton.reshape(cases, -1), newton_slopes.reshape(cases, reach.shape[-1], free), _block_diagonal(by_force), seen, reach, unread,
+            task.motions if refined is None else refined[1],
         )  # fmt: skip
-        return self._held_against(point, shown, slopes, freedom)
+        return self._held_against(task, shown, slopes, freedom)
 
     def _less_slow_roll(self, values: Float[np.ndarray, "case speed *cell"]) -> Float[np.ndarray, "case *cell"]:
         return values[:, 0] if values.shape[1] == 1 else values[:, 0] - values[:, 1]
 
-    def _held_against(self, point: Point, shown: np.ndarray, slopes: np.ndarray, freedom: Freedom | None) -> Linearised:
+    def _held_against(self, task: _Task, shown: np.ndarray, slopes: np.ndarray, freedom: Freedom | None) -> Linearised:
         """In standard errors; a half order is compared up to the sign that a once-per-turn reference leaves open."""
-        data, weight = self.data, self._weight
+        weight, pairs = self._weight[task.cases], self.data.pairs[task.cases]
         # What was not measured need not exist.
         there = np.where(weight > 0.0, shown, 0.0)
-        sign = half_order_sign(there.reshape(data.pairs.shape), data.pairs, data.weight, data.half_order)
-        measured = (sign * data.pairs).reshape(weight.shape)
+        sign = half_order_sign(there.reshape(pairs.shape), pairs, self.data.weight[task.cases], self.data.half_order)
+        measured = (sign * pairs).reshape(weight.shape)
         by_free = np.where(weight[..., None] > 0.0, slopes, 0.0)
-        return Linearised(point, shown, weight * (there - measured), weight[..., None] * by_free, freedom)
+        return Linearised(task.point, shown, weight * (there - measured), weight[..., None] * by_free, freedom)
 
     def vectors(self, shown: Float[np.ndarray, "case cell"]) -> Complex[np.ndarray, "case probe order"]:
         """Cells as complex vectors [m]; order 0 is real."""
@@ -253,6 +283,12 @@ class Linearisation:
     def timed(self, unknowns: Float[np.ndarray, "param"], free: Bool[np.ndarray, "param"]) -> bool:
         """Whether orders depend on one another."""
         return bool(np.any(self.space.timed() & (free | (unknowns != 0.0))))
+
+
+def _replaced(old: np.ndarray, cases: np.ndarray, new: np.ndarray) -> np.ndarray:
+    changed = old.copy()
+    changed[cases] = new
+    return changed
 
 
 def _joined(slopes: Float[np.ndarray, "block case speed line column"], free: int) -> Float[np.ndarray, "case speed line free"]:

@@ -2,19 +2,25 @@
 
 import dataclasses
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Jeffcott, Model, effects, response
+from rotorjax import Conditions, Jeffcott, Model, effects, response
+from rotorjax._core import real_pair
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.race import make_contest, race
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import QUICK, THOROUGH, Start, best_of, descend, starts_at
+from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Budget, Linearisation, Point
 from rotorjax.inference.noise import NO_NOISE
 from rotorjax.inference.prediction import predict
+from rotorjax.measurement import Knowledge
 from rotorjax.space import Space, make_space, with_company
+from rotorjax.steady import Ready
 
 import hidden
 import hidden_forces
@@ -151,3 +157,34 @@ def test_heavier_rotor_is_still_one_rotor():
     data = make_data(hidden.sufficient(effects.MassError, seed=1)[1], one.model, NO_NOISE)
     shown = [Linearisation(space, data, Budget()).at([Point(np.zeros(len(space.entries)), None)], [np.zeros(0, int)])[0].shown for space in (one, other)]
     assert not np.allclose(shown[0], shown[1])
+
+
+@pytest.mark.parametrize("orders", [(0.0, 1.0, 2.0), (0.5, 1.0)], ids=["0X to 2X", "half an order"])
+def test_equations_of_the_kernel_are_those_of_the_response(orders):
+    """Put together from parts and sped up by hand; differentiated as a whole they are the same, whatever is free."""
+    whole = with_company(Model(Jeffcott(1.0, [5.6e4, 5.1e4], 0.02)).with_orders(orders), CATALOG, CATALOG)
+    space = make_space(whole, Knowledge())
+    kernels, rng, count = Kernels(space), np.random.default_rng(4), len(space.entries)
+    unknowns, motion = 0.3 * rng.normal(size=(3, count)), 1e-4 * rng.normal(size=(3, 2, kernels.coefficients))
+    condition = Conditions(jnp.asarray(200.0), jnp.full((1, 2), 1e-5), jnp.zeros(2))
+
+    def along(u, q):
+        ready = Ready.of(space.at(u), condition)
+        return real_pair(ready.shown(q, orders)).ravel(), (ready.system.lacking(q) + ready.system.force(q)).ravel()
+
+    whole_slopes = jax.jit(jax.vmap(jax.jacfwd(along, argnums=(0, 1))))(unknowns, motion)
+    (by_unknown, by_motion), (force_by_unknown, force_by_motion) = jax.tree.map(np.asarray, whole_slopes)
+    shown, force = jax.tree.map(np.asarray, jax.vmap(along)(unknowns, motion))
+    for first in range(0, count, COLUMNS):
+        columns = np.where(np.arange(first, first + COLUMNS) < count, np.arange(first, first + COLUMNS), -1)
+        rows = Rows(unknowns, np.tile(columns, (3, 1)), np.full(3, 200.0), np.full((3, 1, 2), 1e-5), np.zeros((3, 2)))
+        found, free = kernels.balanced(rows, motion), columns[columns >= 0]
+        for got, expected in (
+            (found.shown, shown),
+            (found.force, force),
+            (found.shown_by_motion, by_motion.reshape(found.shown_by_motion.shape)),
+            (found.force_by_motion, force_by_motion.reshape(found.force_by_motion.shape)),
+            (found.slopes[..., : len(free)], by_unknown[..., free]),
+            (found.force_slopes[..., : len(free)], force_by_unknown[..., free]),
+        ):
+            np.testing.assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())

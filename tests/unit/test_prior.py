@@ -84,9 +84,3 @@ def test_a_scale_given_by_the_user_holds_for_every_axis():
     assert np.all(np.asarray(make_space(model, Knowledge()).open_size) >= 0)
     told = make_space(model, Knowledge(priors={"own_range": {"bend_per_m": 100.0}}))
     assert {e.parameter for e in told.entries if int(told.open_size[e.unknown]) < 0} == {"bend_per_m"}
-
-
-def test_strength_is_the_first_parameter_and_its_companions():
-    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.Crack() + effects.Rub()
-    space = make_space(model, Knowledge())
-    assert [e.label for e in space.entries if space.strengths(["crack", "rub"])[e.unknown]] == ["loss_x_n_per_m", "loss_y_n_per_m", "stiffness_n_per_m"]

@@ -1,0 +1,90 @@
+"""Motions of the cases: to begin a fit with, and moved towards balance under parameters that stay."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from rotorjax.inference.linearised import Linearisation, Linearised, Point
+
+FIRST_MOTION = 10.0
+"""Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
+LIKE = 99.0
+"""Variance of a change along the motion of its order, in that of any other."""
+SHORTEST = 1e-3
+"""Share of a step of Newton's method below which no balance is looked for."""
+STEPS = 12
+"""Most of them."""
+
+
+def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) -> list[Float[np.ndarray, "case speed dof wide"]]:
+    """Motions that show what was measured: those of the rotor without forces that depend on motion, changed as little as possible.
+
+    A change that goes along with the motion of its order, in both directions alike, counts least: where one direction is not seen, a
+    force that makes the other larger or smaller does the same to it.
+    """
+    plain = [np.where(lin.space.timed(), 0.0, point) for point in points]
+    distinct = list({point.tobytes(): point for point in plain}.values())
+    if not distinct:
+        return []
+    rest = np.zeros((*lin.speeds.shape, 2, lin.kernels.wide))
+    known = {}
+    for one in lin.at([Point(point, rest) for point in distinct], [np.zeros(0, int)] * len(distinct)):
+        assert one.freedom is not None
+        free, size = -one.freedom.newton, FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight)))
+        likely = size**2 * _alike(free.reshape(lin.cases, -1, 2, lin.kernels.coefficients)[:, 0])
+        along = likely @ np.swapaxes(one.freedom.seen[..., : likely.shape[1]], 1, 2)
+        shown = one.freedom.seen[..., : likely.shape[1]] @ along + np.eye(one.error.shape[1])
+        change = -np.einsum("cim,cm->ci", along, np.linalg.solve(shown, one.error[..., None])[..., 0])
+        # What was subtracted as slow roll is left as it is.
+        free[:, : change.shape[1]] += change
+        known[one.point.unknowns.tobytes()] = lin.moved(one, free)
+    return [known[point.tobytes()] for point in plain]
+
+
+def _alike(motion: Float[np.ndarray, "case dof coefficient"]) -> Float[np.ndarray, "case motion motion"]:
+    """Covariance of changes of a motion: 1 + `LIKE` (uuᴴ), order by order, u the motion's own direction there."""
+    cases, dof, count = motion.shape
+    covariance = np.tile(np.eye(dof * count), (cases, 1, 1)).reshape(cases, dof, count, dof, count)
+    for parts in ([0], *([k, k + 1] for k in range(1, count, 2))):
+        pair = motion[:, :, parts]
+        turned = np.stack([-pair[..., -1], pair[..., 0]], axis=-1) if len(parts) == 2 else np.zeros_like(pair)
+        both = np.einsum("cip,cjq->cipjq", pair, pair) + np.einsum("cip,cjq->cipjq", turned, turned)
+        size = np.maximum(np.sum(pair**2, axis=(1, 2)), 1e-300)
+        covariance[np.ix_(range(cases), range(dof), parts, range(dof), parts)] += LIKE * both / size[:, None, None, None, None]
+    return covariance.reshape(cases, dof * count, dof * count)
+
+
+def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tuple[list[Point], list[Int[np.ndarray, "near"]]]:
+    """Motions moved towards balance under parameters that stay: Newton's method, its steps shortened until the force that is lacking falls.
+
+    The cases have nothing to do with one another. **Arguments:** ``tight``: standard errors by which the reading may be off balance.
+    **Returns** the points, and of each the cases that were moved.
+    """
+    freedoms = [one.freedom for one in astray if one.freedom is not None]
+    motions, moved = [np.array(one.point.motions) for one in astray], [np.flatnonzero(freedom.off > tight) for freedom in freedoms]
+    for refined in (False, True):
+        rows = [(k, case) for k, one in enumerate(astray) if one.point.refined == refined for case in moved[k]]
+        if not rows:
+            continue
+        which, cases = np.array(rows).T
+        unknowns = np.stack([astray[k].point.unknowns for k in which])
+        begin, state = np.stack([freedoms[k].followed[case] for k, case in rows]), np.stack([motions[k][case] for k, case in rows])
+        here, share = lin.imbalance(unknowns, cases, begin, refined=refined), np.ones(len(rows))
+        # Less force that is lacking need not read better: nothing is given up for it.
+        nearest = np.array([freedoms[k].off[case] for k, case in rows])
+        for _ in range(STEPS):
+            alive = np.flatnonzero((here.off > tight) & (share > SHORTEST) & np.isfinite(here.size))
+            if not len(alive):
+                break
+            trial = here.followed[alive].copy()
+            trial[..., : lin.kernels.coefficients] += share[alive, None, None, None] * here.step[alive]
+            there = lin.imbalance(unknowns[alive], cases[alive], trial, refined=refined)
+            better = there.size < here.size[alive]
+            share[alive] = np.where(better, np.minimum(1.0, 2.0 * share[alive]), 0.3 * share[alive])
+            for old, new in zip(here, there, strict=True):
+                old[alive[better]] = new[better]
+            for row, motion, off in zip(alive, trial, there.off, strict=True):
+                if off < nearest[row]:
+                    state[row], nearest[row] = motion, off
+        for row, (k, case) in enumerate(rows):
+            motions[k][case] = state[row]
+    return [one.point._replace(motions=found) for one, found in zip(astray, motions, strict=True)], moved
