@@ -155,7 +155,7 @@ def test_measurements_of_any_size_compile_once(monkeypatch):
     model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
     explain(model, measurement, thorough=False)
     traced = []
-    for name in ("linear_vectors", "_cells"):
+    for name in ("linear_vectors", "_one_hot"):
         whole = getattr(kernels, name)
         monkeypatch.setattr(kernels, name, lambda *arguments, whole=whole: traced.append(1) or whole(*arguments))
     other, second, _ = hidden.sufficient(effects.MassError, seed=2, machine=hidden.Machine(2.0, (2e5, 1.9e5), (0.02, 0.04)))
