@@ -24,7 +24,7 @@ run: $(VENV)/.installed
 	$(BIN)/python experiments/stories.py --output $(OUTPUT)
 
 test: $(VENV)/.tested
-	$(BIN)/python -m pytest -n $(WORKERS) --dist load
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 campaign: $(VENV)/.tested
 	$(BIN)/python -m pytest -n $(WORKERS) -m campaign
