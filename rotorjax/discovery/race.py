@@ -30,7 +30,7 @@ EXACT_SHARE = 50_000
 NOISE_CHANGE = 0.05
 """Relative change of the noise below which it stands."""
 NOISE_FALL = 0.5
-"""What is left of the noise where motions found before are not gone on with."""
+"""What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
 NONE_ODDS = 0.5
 """Prior probability that nothing is missing; the rest is shared by family, then by member."""
 
