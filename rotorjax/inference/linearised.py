@@ -14,6 +14,7 @@ vectors:
 Cao 2007, J. R. Stat. Soc. B 69:741-796.)
 """
 
+import contextlib
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -303,7 +304,7 @@ def _inverse(matrices: Float[np.ndarray, "case speed equation equation"]) -> Flo
     except np.linalg.LinAlgError:
         found = np.full(matrices.shape, np.nan)
         for index in np.ndindex(matrices.shape[:2]):
-            if np.linalg.matrix_rank(matrices[index]) == matrices.shape[-1]:
+            with contextlib.suppress(np.linalg.LinAlgError):
                 found[index] = np.linalg.inv(matrices[index])
         return found
 

@@ -12,6 +12,7 @@ from rotorjax._core import real_pair
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.race import make_contest, race
 from rotorjax.effects import CATALOG
+from rotorjax.inference import linearised
 from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import QUICK, THOROUGH, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
@@ -188,3 +189,11 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
             (found.force_slopes[..., : len(free)], force_by_unknown[..., free]),
         ):
             np.testing.assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
+
+
+def test_what_has_no_inverse_takes_none_from_the_others():
+    """One matrix without an inverse and one that is not a number, beside a good one."""
+    good, singular, lost = np.array([[2.0, 1.0], [0.0, 4.0]]), np.zeros((2, 2)), np.full((2, 2), np.nan)
+    found = linearised._inverse(np.stack([good, singular, lost])[:, None])
+    np.testing.assert_allclose(found[0, 0] @ good, np.eye(2))
+    assert np.all(np.isnan(found[1:]))
