@@ -277,7 +277,7 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     """
     wanted = list(dict.fromkeys(hypotheses))
     exact: Known = {}
-    if contest.measurement.sigma is not None:
+    if contest.measurement.sigma is not None and contest.floor == NO_NOISE:
         # Where nothing can hold, this leads nowhere and would go on for long.
         left = EXACT_SHARE if contest.budget.limit is None else min(EXACT_SHARE, contest.budget.limit - contest.budget.spent)
         apart = dataclasses.replace(contest, budget=Budget(left))

@@ -124,6 +124,7 @@ def starts_at(points: Float[np.ndarray, "start param"]) -> list[Start]:
     return [Start(point) for point in points]
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def descend(  # noqa: PLR0913
     space: Space,
     data: Data,
@@ -140,7 +141,7 @@ def descend(  # noqa: PLR0913
 
     Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
     it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
-    that. **Returns** one `End` per start.
+    that. A trial whose numbers overflow is not taken. **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
