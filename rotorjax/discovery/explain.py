@@ -216,7 +216,7 @@ def _answer(
     selection, ties, noise = _with_ties(selection, catalog, stages)
     held = HeldOut((None,) * len(selection.races), "not asked for" if not thorough else "the limit of linearisations was reached")
     if stages.go("error on data held out"):
-        held = held_out(contest, selection)
+        held = held_out(contest, selection, ties)
     fits = _fits(contest, model, selection, held)
     p = None
     if contest.measurement.sigma is not None and stages.go("whether what is left is more than noise"):
@@ -281,7 +281,7 @@ def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages
     noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
     if contest.budget.exhausted:
         stages.untried.append("what else would do as well")
-        return selection, Ties((), (), selection.known[selection.present]), noise
+        return selection, Ties((), (), selection.known[selection.present], {}), noise
     stages.progress("what else would do as well")
     ties = find_ties(contest, selection, noise, catalog)
     if contest.budget.exhausted:

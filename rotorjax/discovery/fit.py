@@ -130,15 +130,15 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     return cross_validated(fitted) if held_out else fitted
 
 
-def fit_rivals(rivals: Sequence[tuple[Model, tuple[str, ...]]], measurement: Measurement) -> list[Fit]:
+def fit_rivals(rivals: Sequence[tuple[Model, tuple[str, ...]]], measurement: Measurement, budget: Budget) -> list[Fit]:
     """Fit models that may have different effects, compiled once.
 
-    **Arguments:** ``rivals``: each model with the names of the effects to fit, the others keeping their values.
+    **Arguments:** ``rivals``: each model with the names of the effects to fit, the others keeping their values; ``budget`` of them all.
     **Returns** one `Fit` each, without held-out error. Errors as for `fit`.
     """
     effects = {e.name: e for model, _ in rivals for e in model.effects}
     everything = rivals[0][0].plus([e for name, e in effects.items() if name not in rivals[0][0]])
-    return [_fit(_stage(model, everything, measurement, names, frozenset())) for model, names in rivals]
+    return [_fit(_stage(model, everything, measurement, names, frozenset())._replace(budget=budget)) for model, names in rivals]
 
 
 def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()) -> list[Fit]:

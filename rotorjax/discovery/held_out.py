@@ -1,6 +1,7 @@
 """The error on data held out, with the selection of effects redone on the rest."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -8,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from rotorjax.discovery.race import Contest, Effects, contender_of
-from rotorjax.discovery.search import NOTHING, PAIRED, PRICE, WORTH_TRYING, Selection, neighbours
+from rotorjax.discovery.race import Contest, Effects, Known, contender_of
+from rotorjax.discovery.search import NOTHING, PRICE, WORTH_TRYING, Selection
+from rotorjax.discovery.ties import Ties
 from rotorjax.inference.data import make_folds, residual_vectors
 from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
+from rotorjax.inference.noise import Noise
 
 
 class HeldOut(NamedTuple):
@@ -21,57 +24,47 @@ class HeldOut(NamedTuple):
     reason: str
 
 
-def held_out(contest: Contest, selection: Selection) -> HeldOut:
+def held_out(contest: Contest, selection: Selection, ties: Ties) -> HeldOut:
     """Leave out groups of runs or of speeds in turn; select effects and fit on the rest; predict what was left out.
 
-    Each fold makes its own choice at every step, swaps and pairs included, under the noise of that step, among all
-    effects that come near the best on the whole data. Where it finds "none" probable it adds nothing.
+    Each fold makes its own choice among all sets that come near the answer on the whole data, and parts of it; at the steps before the
+    last one it adds of these effects what explains the most. **Arguments:** ``ties``: what was fitted in the place of the answer.
     """
     final = selection.known[selection.present].best
     folds, reason = make_folds(contest.measurement, np.einsum("cmp,cmq->cpq", final.local.slopes, final.local.slopes))
     if not len(folds):
         return HeldOut((None,) * len(selection.races), reason)
-    chosen = _chosen(contest, selection, folds)
-    shown: list[Effects] = [NOTHING] * len(folds)
-    errors = []
-    for step in range(len(selection.races)):
-        fits = _Folds(contest, selection, step, folds)
-        if step == len(selection.races) - 1:
-            shown = [own | frozenset(selection.small) for own in chosen]
-        fits.fit({fold: [now, *(now | {name} for name in chosen[fold] - now)] for fold, now in enumerate(shown)})
+    near = _near(contest, selection, ties)
+    known, small = {**selection.known, **ties.raced}, frozenset(selection.small)
+    last = _Folds(contest, known, selection.present, selection.races[-1].noise, folds)
+    last.fit(dict.fromkeys(range(len(folds)), near))
+    chosen = [last.chosen(fold) for fold in range(len(folds))]
+    errors, shown = [], [NOTHING] * len(folds)
+    for step in selection.races[:-1]:
+        fits = _Folds(contest, known, selection.present, step.noise, folds)
+        further = {fold: [now | {name} for name in chosen[fold] - now - small] for fold, now in enumerate(shown)}
+        fits.fit({fold: [now, *further[fold]] for fold, now in enumerate(shown)})
         errors.append(fits.error(shown))
-        shown = [fits.best(fold, [now | {name} for name in chosen[fold] - now] or [now]) for fold, now in enumerate(shown)]
-    return HeldOut(tuple(errors), "")
+        shown = [fits.best(fold, further[fold] or [now]) for fold, now in enumerate(shown)]
+    return HeldOut((*errors, last.error(chosen)), "")
 
 
-def _chosen(contest: Contest, selection: Selection, folds: Bool[np.ndarray, "fold case"]) -> list[Effects]:
-    """The set that each fold selects, with as many steps as the selection on all data."""
-    chosen: list[Effects] = [NOTHING] * len(folds)
-    going = [True] * len(folds)
-    for step in range(len(selection.races) - 1):
-        fits = _Folds(contest, selection, step, folds)
-        names = fits.near()
-        fits.fit({fold: [own, *(own | {name} for name in names if name not in own)] for fold, own in enumerate(chosen) if going[fold]})
-        added = [fits.added(fold, own) if going[fold] else own for fold, own in enumerate(chosen)]
-        going = [now != own for now, own in zip(added, chosen, strict=True)]
-        chosen = fits.refined(names, chosen, added)
-    return chosen
+def _near(contest: Contest, selection: Selection, ties: Ties) -> list[Effects]:
+    """The answer, its parts, and what comes near it on the whole data: beside it, and in the place of parts of it."""
+    answer, race = selection.present, selection.races[-1]
+    parts = [frozenset(part) for size in range(len(answer) + 1) for part in itertools.combinations(sorted(answer), size)]
+    beside = [e for e, c in race.contenders.items() if c.log_evidence > race.contenders[answer].log_evidence - WORTH_TRYING]
+    instead = [e for e, c in ties.raced.items() if c.log_evidence > ties.winner.log_evidence - WORTH_TRYING]
+    return [e for e in dict.fromkeys((*parts, *beside, *instead)) if len(e) <= max(selection.most + len(selection.small), len(answer))]
 
 
 class _Folds:
-    """All folds at one step: their fits, and the choice that each makes."""
+    """All folds under one noise: their fits, and the choice that each makes."""
 
-    def __init__(self, contest: Contest, selection: Selection, step: int, folds: Bool[np.ndarray, "fold case"]) -> None:
-        self.contest, self.selection, self.folds, self.race = contest, selection, folds, selection.races[step]
-        self.data = contest.data(self.race.noise, selection.known[selection.present].best.point)
+    def __init__(self, contest: Contest, known: Known, answer: Effects, noise: Noise, folds: Bool[np.ndarray, "fold case"]) -> None:
+        self.contest, self.known, self.noise, self.folds = contest, known, noise, folds
+        self.data = contest.data(noise, known[answer].best.point)
         self.ends: list[dict[Effects, End]] = [{} for _ in folds]
-
-    def near(self) -> list[str]:
-        """The effects that come near the best on the whole data, and those of the answer."""
-        best = max(c.log_evidence for c in self.race.contenders.values())
-        smallest = min(self.race.contenders, key=len)
-        close = (effects - smallest for effects, c in self.race.contenders.items() if c.log_evidence > best - WORTH_TRYING)
-        return sorted({name for names in close for name in names} | set(self.selection.effects))
 
     def fit(self, wanted: Mapping[int, Iterable[Effects]]) -> None:
         """Fit sets of effects to the rest of each fold, all in the same compiled calls."""
@@ -88,12 +81,10 @@ class _Folds:
 
     def _starts(self, effects: Effects) -> list[Start]:
         """Optima on all data to begin with: of the same set, or of the nearest one."""
-        known = self.selection.known
-        if effects in known:
-            return [Start.at(end) for end in known[effects].ends[:2]]
-        nearest = min(known, key=lambda other: (len(other ^ effects), -known[other].log_evidence))
-        point = np.where(self.contest.free(effects), known[nearest].best.point, self.contest.space.given_unknowns())
-        return [Start.at(known[nearest].best)._replace(point=point)]
+        if effects in self.known:
+            return [Start.at(end) for end in self.known[effects].ends[:2]]
+        nearest = self.known[min(self.known, key=lambda other: (len(other ^ effects), -self.known[other].log_evidence))].best
+        return [Start.at(nearest)._replace(point=np.where(self.contest.free(effects), nearest.point, self.contest.space.given_unknowns()))]
 
     def error(self, bases: list[Effects]) -> float:
         """Root mean square |residual| of each fold's own set on what was left out [m]."""
@@ -106,7 +97,7 @@ class _Folds:
 
     def scores(self, fold: int) -> dict[Effects, float]:
         """Log evidence plus log prior odds of everything fitted to a fold's rest."""
-        unknown = self.race.noise.allowance > self.contest.floor.allowance
+        unknown = self.noise.allowance > self.contest.floor.allowance
         size = dataclasses.replace(self.contest, training=~self.folds[fold]).independent_numbers() if unknown else None
         return {e: contender_of(e, [end], size).log_evidence + self.contest.log_odds(e) for e, end in self.ends[fold].items()}
 
@@ -115,27 +106,10 @@ class _Folds:
         scores = self.scores(fold)
         return max(sets, key=lambda effects: scores[effects])
 
-    def added(self, fold: int, own: Effects) -> Effects:
-        """A fold's set with what it adds: the same if it adds nothing."""
+    def chosen(self, fold: int) -> Effects:
+        """The most probable set of a fold, less what can be left out at no more than the price of a detection."""
         scores = self.scores(fold)
         best = max(scores, key=lambda effects: scores[effects])
-        return own if scores[best] - scores[own] < PRICE else best
-
-    def refined(self, names: list[str], before: list[Effects], added: list[Effects]) -> list[Effects]:
-        """For each fold the best of all swaps in the set with what was added and of all pairs, less what is not needed."""
-        pools = {}
-        for fold, (own, now) in enumerate(zip(before, added, strict=True)):
-            if now != own and (len(now) > 1 or self.race.noise.allowance > self.contest.floor.allowance):
-                scores = self.scores(fold)
-                best = sorted((name for name in names if name not in own), key=lambda name: -scores[own | {name}])[:PAIRED]
-                pools[fold] = [e for e in self.contest.lean(neighbours(names, own, now, best), now, ()) if len(e) <= self.selection.most]
-        self.fit(pools)
-        return [_pruned(self.scores(fold)) if fold in pools else now for fold, now in enumerate(added)]
-
-
-def _pruned(scores: dict[Effects, float]) -> Effects:
-    """The best set, less what can be left out at no more than the price of a detection."""
-    best = max(scores, key=lambda effects: scores[effects])
-    while smaller := [e for e in scores if e < best and len(e) == len(best) - 1 and scores[best] - scores[e] <= PRICE]:
-        best = max(smaller, key=lambda effects: scores[effects])
-    return best
+        while smaller := [e for e in scores if e < best and len(e) == len(best) - 1 and scores[best] - scores[e] <= PRICE]:
+            best = max(smaller, key=lambda effects: scores[effects])
+        return best

@@ -111,7 +111,8 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
         likely = [terms for terms in likely if len(terms) <= most and max(t.share for t in terms) >= LARGE_SHARE]
     if not likely:
         return NamedForce(force, (), beside, None)
-    fits = fit_rivals([_with(model, terms, beside, every) for terms in likely], _unprejudiced(measurement, model, likely, every))
+    tried = [_with(model, terms, beside, every) for terms in likely]
+    fits = fit_rivals(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget)
     scores = {k: _score(fitted) for k, fitted in enumerate(fits) if _believable(fitted)}
     if not scores:
         return NamedForce(force, (), beside, None)

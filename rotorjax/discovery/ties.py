@@ -54,6 +54,8 @@ class Ties(NamedTuple):
     contains: tuple[Alternative, ...]
     """Sets that do what the answer does with more determined parameters, which are not needed."""
     winner: Contender
+    raced: Known
+    """All that was fitted for it."""
 
     def groups(self) -> list[list[list[str]]]:
         """For every part of the answer that is open: itself, then what ties with it."""
@@ -98,7 +100,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
-    return Ties(_simplest(tied), tuple(contains), winner)
+    return Ties(_simplest(tied), tuple(contains), winner, found)
 
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:
