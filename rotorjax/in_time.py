@@ -13,7 +13,8 @@ from rotorjax._planar import Matrix
 from rotorjax.assembly import Assembled
 from rotorjax.harmonic import Coefficients, size_of
 from rotorjax.model import Model, SupportEffect
-from rotorjax.steady import Moment, Ready, moments_along, total_force
+from rotorjax.restoring_forces import Moment
+from rotorjax.steady import Ready, moments_along, total_force
 
 TURNS, INSTANTS = 200, 256
 """How long a motion is followed, and steps per turn."""

@@ -23,7 +23,8 @@ from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, 
 from rotorjax.in_time import Linear, linear_in_time, reached
 from rotorjax.model import AbstractRotor, Conditions, Model, RestoringEffect
 from rotorjax.response import vectors
-from rotorjax.steady import Ready, by_order, fraction_push, restoring, slopes_along, timed_vectors
+from rotorjax.restoring_forces import restoring
+from rotorjax.steady import Ready, by_order, fraction_push, slopes_along, timed_vectors
 
 SELF_EXCITING = ("cross_coupling", "internal_damping")
 """Effects of the linear rotor that may make it unstable."""

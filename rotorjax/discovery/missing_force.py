@@ -24,7 +24,8 @@ from rotorjax.harmonic import Grid, make_grid, to_complex, to_real
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model, WaveformEffect
 from rotorjax.response import vectors
-from rotorjax.steady import by_order, in_space, restoring, restoring_system, without_timed
+from rotorjax.restoring_forces import restoring
+from rotorjax.steady import by_order, in_space, restoring_system, without_timed
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""

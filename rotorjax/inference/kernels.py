@@ -19,12 +19,14 @@ from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax._core import numpy_pair
-from rotorjax._planar import Vector
+from rotorjax._planar import Matrix, Vector
 from rotorjax.harmonic import Grid, make_grid
 from rotorjax.model import Conditions, Layout
+from rotorjax.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.response import linear_vectors
+from rotorjax.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
 from rotorjax.space import Space
-from rotorjax.steady import Ready, without_timed
+from rotorjax.steady import Ready, answer, positions, without_timed
 
 LINEAR_CHUNK, BALANCED_CHUNK = 64, 16
 """Rows evaluated together: few of the costly ones, as the last chunk is filled up."""
@@ -193,40 +195,52 @@ def _linear(space: Space, unknowns: Array, columns: Array, speed: Array, unbalan
     return jax.vmap(row)(unknowns, columns, speed, unbalance, bow)
 
 
-def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, ...]:
-    orders = space.model.layout.orders
+class _Along(NamedTuple):
+    """What one row along a motion depends on the unknowns by; or its changes, with a leading axis that counts columns."""
 
-    def row(u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, ...]:
+    lacking: Vector
+    inputs: Inputs
+    sensed: Sensed
+
+
+def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, ...]:
+    model = space.model
+    grid = make_grid(model.layout.orders)
+
+    def row(u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[_Along, _Along, Array, Matrix]:
         condition = Conditions(speed, unbalance, bow)
 
-        def along(at: Array) -> tuple[Array, Vector, tuple[tuple[Array, ...], Array, Vector]]:
+        def along(at: Array) -> _Along:
             ready = Ready.of(space.at(at), condition)
-            inputs = ready.inputs(motion)
-            return ready.shown(motion, orders), ready.lacking(motion), (inputs.own, inputs.speed, inputs.bow)
+            return _Along(ready.lacking(motion), ready.inputs(motion), ready.sensed(motion))
 
-        (shown, lacking, _), push = jax.linearize(along, u)
+        here, push = jax.linearize(along, u)
         ready = Ready.of(space.at(u), condition)
-        forces, dynamic = ready.force_slopes(motion), ready.assembled.dynamic
-        shown_slopes, lacking_slopes, moved = jax.vmap(push)(_one_hot(wanted, len(u)))
-        # Parts by themselves: to put them side by side costs more in compiled code than outside.
-        return (
-            shown, shown_slopes, ready.shown_slopes(motion, orders), lacking.x, lacking.y, lacking_slopes.x, lacking_slopes.y,
-            dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, forces.force, jax.vmap(lambda one: forces.moved(*one))(moved), forces.by_motion,
-        )  # fmt: skip
+        return here, jax.vmap(push)(_one_hot(wanted, len(u))), ready.sensed_by_motion(), ready.assembled.dynamic
 
-    return jax.vmap(row)(unknowns, columns, speed, unbalance, bow, motions)
+    here, moved, by_motion, dynamic = jax.vmap(row)(unknowns, columns, speed, unbalance, bow, motions)
+    # Not row by row: what is at its null in all rows is passed over.
+    forces = force_slopes(parameters_of(model)[1], model.rotor, grid, here.inputs, moved.inputs)
+    shown = read_rows(bends_of(model)[1], grid, positions(model.layout.orders, grid), here.sensed, moved.sensed, by_motion)
+    # Parts by themselves: to put them side by side costs more in compiled code than outside.
+    return (
+        shown.shown, shown.slopes, shown.by_motion, here.lacking.x, here.lacking.y, moved.lacking.x, moved.lacking.y,
+        dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, forces.force, forces.change, forces.by_motion,
+    )  # fmt: skip
 
 
 def _refined(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, Array]:
     del columns
+    model = space.model
+    grid = make_grid(model.layout.orders)
 
-    def row(u: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, Array]:
-        ready = Ready.of(space.at(u), Conditions(speed, unbalance, bow))
-        count = 2 * len(ready.grid.orders) - 1
-        system = ready.finer.system
-        force = system.force(motion)
-        low = (system.lacking(motion) + force)[:, :count]
-        follows = system.free - system.moved(force)
-        return low.ravel(), jnp.concatenate([motion[:, :count], follows[:, count:]], axis=1)
+    def row(u: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, Array, Matrix, Inputs]:
+        ready = Ready.of(space.at(u), Conditions(speed, unbalance, bow)).finer
+        return ready.system.lacking(motion), ready.system.free, ready.assembled.dynamic.inverse(), ready.inputs(motion)
 
-    return jax.vmap(row)(unknowns, speed, unbalance, bow, motions)
+    lacking, free, compliance, inputs = jax.vmap(row)(unknowns, speed, unbalance, bow, motions)
+    force = forces_of_rows(parameters_of(model)[1], model.rotor, grid.finer, inputs)
+    follows = free - jax.vmap(answer)(compliance, force)
+    count = 2 * len(grid.orders) - 1
+    low = (lacking + force)[..., :count]
+    return low.reshape(len(low), -1), jnp.concatenate([motions[..., :count], follows[..., count:]], axis=-1)
