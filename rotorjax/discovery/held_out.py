@@ -108,8 +108,12 @@ class _Folds:
 
     def chosen(self, fold: int) -> Effects:
         """The most probable set of a fold, less what can be left out at no more than the price of a detection."""
-        scores = self.scores(fold)
-        best = max(scores, key=lambda effects: scores[effects])
-        while smaller := [e for e in scores if e < best and len(e) == len(best) - 1 and scores[best] - scores[e] <= PRICE]:
-            best = max(smaller, key=lambda effects: scores[effects])
-        return best
+        return _pruned(self.scores(fold))
+
+
+def _pruned(scores: dict[Effects, float]) -> Effects:
+    """The best set, less what can be left out at no more than the price of a detection."""
+    best = max(scores, key=lambda effects: scores[effects])
+    while smaller := [e for e in scores if e < best and len(e) == len(best) - 1 and scores[best] - scores[e] <= PRICE]:
+        best = max(smaller, key=lambda effects: scores[effects])
+    return best

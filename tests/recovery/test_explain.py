@@ -106,7 +106,7 @@ def _plan_of(measurement) -> hidden.Plan:
 
 def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
-    monkeypatch.setattr(sys.modules["rotorjax.discovery.explain"], "held_out", lambda contest, selection: HeldOut((1e-6, 1.01e-6), ""))
+    monkeypatch.setattr(sys.modules["rotorjax.discovery.explain"], "held_out", lambda contest, selection, ties: HeldOut((1e-6, 1.01e-6), ""))
     found = explain(model, measurement)
     assert found.effects == ("cross_coupling",)
     assert not found.confirmed
