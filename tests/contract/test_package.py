@@ -14,6 +14,8 @@ LAYERS = [
     {"effects"},
     {"rotor"},
     {"assembly", "harmonic"},
+    {"restoring_forces"},
+    {"probe_reading"},
     {"continuation"},
     {"steady"},
     {"response", "in_time"},
