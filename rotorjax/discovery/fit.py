@@ -130,15 +130,28 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     return cross_validated(fitted) if held_out else fitted
 
 
-def fit_rivals(rivals: Sequence[tuple[Model, tuple[str, ...]]], measurement: Measurement, budget: Budget) -> list[Fit]:
-    """Fit models that may have different effects, compiled once.
+class Trial(NamedTuple):
+    """A model to be fitted beside others."""
 
-    **Arguments:** ``rivals``: each model with the names of the effects to fit, the others keeping their values; ``budget`` of them all.
+    model: Model
+    names: tuple[str, ...]
+    """The effects to fit, the others keeping their values."""
+    near: bool
+    """Whether its values are near enough to begin with them alone."""
+
+
+def fit_trials(trials: Sequence[Trial], measurement: Measurement, budget: Budget) -> list[Fit]:
+    """Fit models that may have different effects, compiled once, under one ``budget``.
+
     **Returns** one `Fit` each, without held-out error. Errors as for `fit`.
     """
-    effects = {e.name: e for model, _ in rivals for e in model.effects}
-    everything = rivals[0][0].plus([e for name, e in effects.items() if name not in rivals[0][0]])
-    return [_fit(_stage(model, everything, measurement, names, frozenset())._replace(budget=budget)) for model, names in rivals]
+    effects = {e.name: e for trial in trials for e in trial.model.effects}
+    everything = trials[0].model.plus([e for name, e in effects.items() if name not in trials[0].model])
+    fits = []
+    for model, names, near in trials:
+        stage = _stage(model, everything, measurement, names, frozenset())._replace(budget=budget)
+        fits.append(_fit(stage, starts_at(np.where(stage.free, stage.space.given_unknowns(), 0.0)[None]) if near else None))
+    return fits
 
 
 def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()) -> list[Fit]:
@@ -187,7 +200,7 @@ def cross_validated(fitted: Fit) -> Fit:
     return dataclasses.replace(fitted, held_out_rms=_held_out(data, ends, folds), held_out_reason=reason)
 
 
-def _fit(stage: Stage) -> Fit:
+def _fit(stage: Stage, own: list[Start] | None = None) -> Fit:
     """A fit within the table's noise, or else the likeliest of some that start from it and from a wide allowance for misfit.
 
     Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly determined
@@ -196,7 +209,7 @@ def _fit(stage: Stage) -> Fit:
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
     """
     measurement = stage.measurement
-    starts = starts_at(declared_starts(stage.space, stage.free, measurement.reach))
+    starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     now = _settle(stage, floor, starts)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.

@@ -5,7 +5,7 @@ import itertools
 import math
 from collections.abc import Mapping
 
-from rotorjax.discovery.fit import Fit, cross_validated, fit_rivals
+from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
 from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
@@ -111,8 +111,8 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
         likely = [terms for terms in likely if len(terms) <= most and max(t.share for t in terms) >= LARGE_SHARE]
     if not likely:
         return NamedForce(force, (), beside, None)
-    tried = [_with(model, terms, beside, every) for terms in likely]
-    fits = fit_rivals(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget)
+    tried = [_trial(model, terms, beside, every) for terms in likely]
+    fits = fit_trials(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget)
     scores = {k: _score(fitted) for k, fitted in enumerate(fits) if _believable(fitted)}
     if not scores:
         return NamedForce(force, (), beside, None)
@@ -153,7 +153,7 @@ def _likely(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effe
     return force, [terms for terms in told if terms]
 
 
-def _with(model: Model, terms: tuple[Candidate, ...], beside: tuple[str, ...], every: Mapping[str, type[Effect]]) -> tuple[Model, tuple[str, ...]]:
-    """A model with terms, and what of it is to be fitted."""
+def _trial(model: Model, terms: tuple[Candidate, ...], beside: tuple[str, ...], every: Mapping[str, type[Effect]]) -> Trial:
+    """A model with terms, and what of it is to be fitted: from the values of the regression, if it saw all of them."""
     full = model.plus([every[t.term](**t.coefficients) for t in terms])
-    return full, tuple(name for name in (*beside, *(t.term for t in terms)) if name in full)
+    return Trial(full, tuple(name for name in (*beside, *(t.term for t in terms)) if name in full), all(t.standard_errors for t in terms))

@@ -326,10 +326,14 @@ class _Descent:
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
         fallen = taken and not first and fall <= limit and self.damping < 1e-2
-        if self.steps >= self.manner.most_steps or self.damping > LARGEST_DAMPING or self.stalled >= self.manner.most_stalled:
+        stuck = self.damping > LARGEST_DAMPING or self.stalled >= self.manner.most_stalled
+        balanced = self.freedom == 0.0 and self._off() < BALANCED
+        if self.steps >= self.manner.most_steps:
             self.done = True
-        elif self.freedom == 0.0 and self._off() < BALANCED and (decrement <= limit or fallen):
+        elif balanced and (decrement <= limit or fallen):
             self._arrived()
+        elif stuck:
+            self._give_in(balanced)
 
     def _kept_damping(self, fall: float) -> float:
         """Share of the damping that is kept: little where the cost fell as promised (Marquardt), none taken off where it hardly did."""
@@ -377,6 +381,18 @@ class _Descent:
             self.since = 0
         else:
             self.result, self.done = CONVERGED, True
+
+    def _give_in(self, balanced: bool) -> None:
+        """Where no step is better: less freedom of the motions, or more orders if those so far are balanced, or the end."""
+        assert self.here is not None
+        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        if self.freedom > 0.0:
+            self._firmer()
+            self._propose()
+        elif balanced and self.timed and not self.here.point.refined:
+            self._arrived()
+        else:
+            self.done = True
 
     def _propose(self) -> float:
         """The next trial. **Returns** the fall of the cost that a step without damping promises."""

@@ -213,7 +213,7 @@ class Linearisation:
         equations = self.kernels.balanced(rows, wide[..., :count])
         force, followed = (equations.force, wide) if not refined else self.kernels.refined(rows, wide)
         self.budget.spent += len(cases)
-        step = -np.einsum("rij,rj->ri", _inverse(equations.force_by_motion[None])[0], force)
+        step = -_solved(equations.force_by_motion, force[..., None])[..., 0]
         per_force = np.repeat(self._per_force[cases].reshape(len(wide), 1, count), motions.shape[2], axis=1)
         size = np.linalg.norm((force * per_force.reshape(force.shape)).reshape(len(cases), -1), axis=1)
         read = np.einsum("rmi,ri->rm", equations.shown_by_motion, step).reshape(len(cases), kinds, -1)
@@ -238,7 +238,8 @@ class Linearisation:
         """The motions eliminated, case by case. Leading axes of the equations: block, case, speed."""
         free, cases, weight = len(task.free), len(task.cases), self._weight[task.cases]
         force = eq.force[0] if refined is None else refined[0]
-        inverse = _inverse(eq.force_by_motion[0])
+        by_motion = eq.force_by_motion[0]
+        inverse = _solved(by_motion, np.broadcast_to(np.eye(by_motion.shape[-1]), by_motion.shape))
         dof = eq.force.shape[-1] // self.kernels.coefficients
         by_force = inverse / np.tile(self._per_force[task.cases], dof)[:, :, None, :]
         newton = np.einsum("csij,csj->csi", inverse, force)
@@ -297,15 +298,17 @@ def _joined(slopes: Float[np.ndarray, "block case speed line column"], free: int
     return np.concatenate(list(slopes), axis=-1)[..., :free]
 
 
-def _inverse(matrices: Float[np.ndarray, "case speed equation equation"]) -> Float[np.ndarray, "case speed equation equation"]:
-    """Inverses; not a number where there is none."""
+def _solved(
+    matrices: Float[np.ndarray, "*many equation equation"], right: Float[np.ndarray, "*many equation column"]
+) -> Float[np.ndarray, "*many equation column"]:
+    """Solutions of linear equations; not a number where there is none."""
     try:
-        return np.linalg.inv(matrices)
+        return np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:
-        found = np.full(matrices.shape, np.nan)
-        for index in np.ndindex(matrices.shape[:2]):
+        found = np.full(right.shape, np.nan)
+        for index in np.ndindex(matrices.shape[:-2]):
             with contextlib.suppress(np.linalg.LinAlgError):
-                found[index] = np.linalg.inv(matrices[index])
+                found[index] = np.linalg.solve(matrices[index], right[index])
         return found
 
 

@@ -11,7 +11,7 @@ LIKE = 99.0
 """Variance of a change along the motion of its order, in that of any other."""
 SHORTEST = 1e-3
 """Share of a step of Newton's method below which no balance is looked for."""
-STEPS = 12
+STEPS = 50
 """Most of them."""
 
 

@@ -191,9 +191,9 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
             np.testing.assert_allclose(got, expected, atol=1e-10 * np.abs(expected).max())
 
 
-def test_what_has_no_inverse_takes_none_from_the_others():
-    """One matrix without an inverse and one that is not a number, beside a good one."""
+def test_equations_without_a_solution_take_none_from_the_others():
+    """One singular matrix and one that is not a number, beside a good one."""
     good, singular, lost = np.array([[2.0, 1.0], [0.0, 4.0]]), np.zeros((2, 2)), np.full((2, 2), np.nan)
-    found = linearised._inverse(np.stack([good, singular, lost])[:, None])
-    np.testing.assert_allclose(found[0, 0] @ good, np.eye(2))
+    found = linearised._solved(np.stack([good, singular, lost]), np.tile(np.eye(2), (3, 1, 1)))
+    np.testing.assert_allclose(found[0] @ good, np.eye(2))
     assert np.all(np.isnan(found[1:]))
