@@ -175,9 +175,8 @@ def force_slopes(effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, 
     total = (_nothing(inputs, grid), jnp.zeros(shape))
     for k, effect in enumerate(effects):
         present = jnp.any(inputs.own[k] != 0.0) | jnp.any(moved.own[k] != 0.0)
-        absent = functools.partial(lambda zero, *_: zero, total)
-        add = functools.partial(_with_effect, effect, rotor, grid, total)
-        total = jax.lax.cond(present, add, absent, inputs._replace(own=inputs.own[k]), moved.own[k])
+        add = functools.partial(_with_effect, effect, rotor, grid)
+        total = jax.lax.cond(present, add, lambda total, *_: total, total, inputs._replace(own=(inputs.own[k],)), moved.own[k])
     at, by_own = total
 
     def row(inputs: Inputs, at: _AtInstants, moved: Inputs) -> tuple[Array, Array, Array]:
@@ -210,15 +209,11 @@ def _with_effect(
     effect: EffectOf, rotor: AbstractRotor, grid: Grid, total: tuple[_AtInstants, Array], inputs: Inputs, moved: Float[Array, "row column param"]
 ) -> tuple[_AtInstants, Array]:
     """The total, one effect added. **Arguments:** ``inputs`` with the parameters of that one alone; ``moved``: their changes."""
-    of_all = sum_of((effect,), rotor)
-
-    def single(own: Array, moment: Moment, angle: Array) -> Array:
-        return of_all((own,), moment, angle)
 
     def row(inputs: Inputs, moved: Array) -> tuple[Array, Moment, Array]:
-        at = functools.partial(_at_instants, grid=grid, inputs=inputs, own=inputs.own)
-        by_own = at(jax.jacfwd(single)) @ jnp.asarray(grid.analysis())
-        return at(single), at(jax.jacfwd(single, argnums=1)), jnp.einsum("dpb,cp->cdb", by_own, moved)
+        by_own = _by_own((effect,), grid, inputs, rotor, 0)
+        force = _at_instants(sum_of((effect,), rotor), grid, inputs, inputs.own)
+        return force, _by_moment((effect,), grid, inputs, rotor), jnp.einsum("dpb,cp->cdb", by_own, moved)
 
     force, by, change = jax.vmap(row)(inputs, moved)
     return _AtInstants(total[0].force + force, jax.tree.map(operator.add, total[0].by, by)), total[1] + change
