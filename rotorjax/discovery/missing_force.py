@@ -25,7 +25,7 @@ from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model, WaveformEffect
 from rotorjax.response import vectors
 from rotorjax.restoring_forces import restoring
-from rotorjax.steady import by_order, in_space, restoring_system, without_timed
+from rotorjax.steady import by_order, in_space, positions, restoring_system, without_timed
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
@@ -118,7 +118,7 @@ class _Sight(NamedTuple):
 def _sight(model: Model, conditions: Conditions) -> _Sight:
     grid = make_grid(model.layout.orders)
     whole = without_timed(model).with_orders(grid.orders)
-    index = jnp.array([grid.orders.index(min(grid.orders, key=lambda known: abs(known - order))) for order in model.layout.orders])
+    index = jnp.array(positions(model.layout.orders, grid))
 
     def one(condition: Conditions) -> _Sight:
         condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
@@ -250,8 +250,7 @@ def _motion(
 
 def _positions(grid: Grid, orders: tuple[float, ...]) -> list[np.ndarray]:
     """Coefficients of each order: the mean has one, the others two."""
-    index = [grid.orders.index(min(grid.orders, key=lambda known: abs(known - order))) for order in orders]
-    return [np.array([0]) if k == 0 else np.array([2 * k - 1, 2 * k]) for k in index]
+    return [np.array([0]) if k == 0 else np.array([2 * k - 1, 2 * k]) for k in positions(orders, grid)]
 
 
 def _shown(model: Model, measurement: Measurement, grid: Grid, balance: Balance, covariance: np.ndarray, speed: Float[np.ndarray, "case"]) -> MissingForce:
