@@ -81,10 +81,19 @@ class Grid(NamedTuple):
         weight = np.where(np.arange(2 * len(self.orders) - 1) == 0, 1.0, 2.0) / (self.samples * self.turns)
         return (self.synthesis(self.angle) * weight[:, None]).T
 
-    def products(self) -> Float[np.ndarray, "kind instant coefficient coefficient"]:
-        """Analysis of the b-th coefficient times synthesis of the c-th, for position and for velocity: from slopes at instants to a Jacobian."""
-        both = np.stack([self.synthesis(self.angle), self.slope(self.angle)])
-        return np.einsum("sb,kcs->ksbc", self.analysis(), both)
+    def products(self) -> tuple[Float[np.ndarray, "instant mode"], Float[np.ndarray, "kind mode coefficient coefficient"]]:
+        """From slopes at instants to a Jacobian: analysis of the b-th coefficient times synthesis of the c-th, for position and for velocity.
+
+        As products of two waveforms of orders up to n have orders up to 2n only, in two factors: instants to orthonormal waveforms of those
+        orders, if they are fewer, and these to coefficients.
+        """
+        angle, orders = self.angle, range(2 * len(self.orders) - 1)
+        modes = np.eye(len(angle))
+        if 2 * len(orders) - 1 < len(angle):
+            whole = Grid(tuple(k / self.turns for k in orders), self.turns, self.samples).synthesis(angle)
+            modes = (whole / np.linalg.norm(whole, axis=1, keepdims=True)).T
+        both = np.stack([self.synthesis(angle), self.slope(angle)])
+        return modes, np.einsum("sm,sb,kcs->kmbc", modes, self.analysis(), both, optimize=True)
 
 
 @functools.lru_cache

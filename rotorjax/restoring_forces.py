@@ -225,7 +225,8 @@ def _is_zero(tangent: Any) -> bool:
 
 def analysed(slopes: Float[Array, "dof kind dof instant"], grid: Grid) -> Float[Array, "dof coefficient dof coefficient"]:
     """From slopes at instants, by position and by velocity, to those of the coefficients."""
-    return jnp.einsum("ikjs,ksbc->ibjc", slopes, jnp.asarray(grid.products()[: slopes.shape[1]]))
+    modes, products = (jnp.asarray(m) for m in grid.products())
+    return jnp.einsum("ikjm,kmbc->ibjc", slopes @ modes, products[: slopes.shape[1]])
 
 
 def restoring(model: Model) -> list[RestoringEffect]:

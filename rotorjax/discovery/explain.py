@@ -221,7 +221,7 @@ def _answer(
     p = None
     if contest.measurement.sigma is not None and stages.go("whether what is left is more than noise"):
         best = selection.known[selection.present]
-        p = p_value(contest, best if selection.small else best.led_by(fits[-1].end))
+        p = p_value(contest, best if selection.small else best.led_by(fits[-1].end, Noise(fits[-1].misfit, contest.floor.scatter)))
     proposal = None
     for other in ties.tied:
         proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
@@ -278,7 +278,7 @@ class _Stages(NamedTuple):
 def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages: _Stages) -> tuple[Selection, Ties, Noise]:
     """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the answer."""
     contest = selection.contest
-    noise = Noise(misfit_left(contest, selection.known[selection.present], selection.races[-1].noise), contest.floor.scatter)
+    noise = Noise(misfit_left(contest, selection.known[selection.present]), contest.floor.scatter)
     if contest.budget.exhausted:
         stages.untried.append("what else would do as well")
         return selection, Ties((), (), selection.known[selection.present], {}), noise
@@ -292,7 +292,7 @@ def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages
     if better is None:
         return selection, ties, noise
     selection = retold(selection, better.effects, {t.contender.effects: t.contender for t in ties.tied})
-    noise = Noise(misfit_left(contest, better, noise), contest.floor.scatter)
+    noise = Noise(misfit_left(contest, better), contest.floor.scatter)
     return selection, find_ties(contest, selection, noise, catalog), noise
 
 
@@ -352,7 +352,7 @@ def _fit_of(contest: Contest, model: Model, selection: Selection, effects: Effec
 def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *, last: bool) -> Round:
     """The best fit of one set, under the noise that it leaves; the ``last`` one under that of the table where it holds within that."""
     own = known[effects] if effects in known else race(contest, under, [effects], known)[effects]
-    noise = Noise(misfit_left(contest, own, under), contest.floor.scatter)
+    noise = Noise(misfit_left(contest, own), contest.floor.scatter)
     again = race(contest, noise, [effects], known)[effects]
     # A descent under another noise may end in another motion: where it came from must not be lost.
     starts = [Start.at(end) for end in (*again.ends[:2], own.best)]
@@ -361,10 +361,10 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *,
     def polish(noise: Noise) -> Round:
         data = contest.data(noise, again.best.point)
         best = best_of(descend(contest.space, data, starts, contest.free(effects), every, budget=contest.budget, kept=again.best.point, manner=POLISHED))
-        return Round(noise.allowance, data, best, starts, noise.allowance)
+        return Round(noise.allowance, data, best, starts, noise.allowance, best.cost)
 
     if last and noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:
         quiet = polish(contest.floor)
-        if misfit_left(contest, own.led_by(quiet.best), contest.floor) == contest.floor.allowance:
+        if misfit_left(contest, own.led_by(quiet.best, contest.floor)) == contest.floor.allowance:
             return quiet
     return polish(noise)

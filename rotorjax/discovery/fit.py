@@ -14,7 +14,7 @@ from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
 from rotorjax.inference.data import Data, declared_starts, make_data, make_folds, residual_vectors
-from rotorjax.inference.descent import End, Local, Start, best_of, descend, starts_at
+from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
 from rotorjax.measurement import Measurement
@@ -26,6 +26,8 @@ UNDETERMINED = 0.8
 """Posterior over prior standard deviation above which the data are said not to determine a parameter."""
 MISFIT_ROUNDS = 12
 """Most alternations between a fit and the allowance for its misfit."""
+KEPT = 3
+"""Most optima from which the next of these rounds begins."""
 MISFIT_CHANGE = 0.02
 """Relative change of the allowance below which it stands."""
 NOT_STEADY = "no steady motion was found with these values, so that the prediction is only to first order along the measured motion"
@@ -143,15 +145,29 @@ class Trial(NamedTuple):
 def fit_trials(trials: Sequence[Trial], measurement: Measurement, budget: Budget) -> list[Fit]:
     """Fit models that may have different effects, compiled once, under one ``budget``.
 
+    One that does worse by far than another is left at that.
     **Returns** one `Fit` each, without held-out error. Errors as for `fit`.
     """
     effects = {e.name: e for trial in trials for e in trial.model.effects}
     everything = trials[0].model.plus([e for name, e in effects.items() if name not in trials[0].model])
-    fits = []
+    fits, ahead = [], _Ahead()
     for model, names, near in trials:
         stage = _stage(model, everything, measurement, names, frozenset())._replace(budget=budget)
-        fits.append(_fit(stage, starts_at(np.where(stage.free, stage.space.given_unknowns(), 0.0)[None]) if near else None))
+        start = starts_at(np.where(stage.free, stage.space.given_unknowns(), 0.0)[None]) if near else None
+        rounds = _rounds(stage, start, ahead)
+        best = _likeliest(rounds)
+        if best.best.exact:
+            ahead = _Ahead(min(ahead.minus_log_posterior, best.minus_log_posterior), min(ahead.first_cost, rounds[0].first_cost))
+        fits.append(summarise(stage, best, None, "not asked for"))
     return fits
+
+
+class _Ahead(NamedTuple):
+    """What other models reached on the same data."""
+
+    minus_log_posterior: float = math.inf
+    first_cost: float = math.inf
+    """As in `Round`, of rounds that begin with the table's noise."""
 
 
 def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()) -> list[Fit]:
@@ -200,25 +216,34 @@ def cross_validated(fitted: Fit) -> Fit:
     return dataclasses.replace(fitted, held_out_rms=_held_out(data, ends, folds), held_out_reason=reason)
 
 
-def _fit(stage: Stage, own: list[Start] | None = None) -> Fit:
-    """A fit within the table's noise, or else the likeliest of some that start from it and from a wide allowance for misfit.
+def _fit(stage: Stage) -> Fit:
+    return summarise(stage, _likeliest(_rounds(stage)), None, "not asked for")
+
+
+def _rounds(stage: Stage, own: list[Start] | None = None, ahead: _Ahead | None = None) -> "list[Round]":
+    """A fit within the table's noise, or else some that start from it and from a wide allowance for misfit.
 
     Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly determined
     parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
     equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
+    **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what makes a fit hopeless.
     """
-    measurement = stage.measurement
+    measurement, ahead = stage.measurement, ahead or _Ahead()
     starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
-    now = _settle(stage, floor, starts)
+    now = _settle(stage, floor, starts, ahead.first_cost)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
-    if not (now.settled and now.misfit == 0.0):
-        wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
-        again = _settle(stage, floor, [Start.at(wide.best)])
-        rounds = [now, wide, again]
-        now = min(rounds, key=_likeliest)
-    return summarise(stage, now, None, "not asked for")
+    if now.settled and now.misfit == 0.0:
+        return [now]
+    wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
+    if min(now.minus_log_posterior, wide.minus_log_posterior) > ahead.minus_log_posterior + HOPELESS:
+        return [now, wide]
+    return [now, wide, _settle(stage, floor, [Start.at(wide.best)], ahead.first_cost)]
+
+
+def _likeliest(rounds: "list[Round]") -> "Round":
+    return min(rounds, key=lambda one: (one.misfit > 0.0, one.minus_log_posterior))
 
 
 class Round(NamedTuple):
@@ -230,6 +255,8 @@ class Round(NamedTuple):
     starts: list[Start]
     """Where the descents ended: to go on from."""
     misfit: float
+    first_cost: float
+    """Under the allowance that the rounds began with."""
 
     @property
     def settled(self) -> bool:
@@ -243,28 +270,29 @@ class Round(NamedTuple):
         return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
 
 
-def _likeliest(fitted: Round) -> tuple[bool, float]:
-    return fitted.misfit > 0.0, fitted.minus_log_posterior
-
-
-def _settle(stage: Stage, allowance: float, starts: list[Start]) -> Round:
-    """Rounds until the allowance equals the misfit found."""
-    now = _round(stage, allowance, starts, stage.space.model)
+def _settle(stage: Stage, allowance: float, starts: list[Start], reached: float = math.inf) -> Round:
+    """Rounds until the allowance equals the misfit found. **Arguments:** ``reached``: cost of something else in the first of them."""
+    now = _round(stage, allowance, starts, stage.space.model, reached)
     for _ in range(MISFIT_ROUNDS - 1):
         if now.settled:
             break
-        now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))
+        now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(first_cost=now.first_cost)
     return now
 
 
-def _round(stage: Stage, allowance: float, starts: list[Start], model: Model) -> Round:
+def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, reached: float = math.inf) -> Round:
     data = make_data(stage.measurement, model, Noise(allowance))
     every = np.ones((len(starts), len(stage.measurement.run)), bool)
-    ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget)
+    ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget, reached=reached)
     best = best_of(ends)
-    ended = [Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)]
+    # Of many starts a few optima are left.
+    ended = [Start.at(end) for end in distinct_of(ends)[:KEPT]]
+    if not ended:
+        lowest = sorted(zip(ends, starts, strict=True), key=lambda pair: pair[0].cost)[:KEPT]
+        ended = [Start.at(end) if math.isfinite(end.cost) else start for end, start in lowest]
     left = residual_vectors(best.local.error, data)
-    return Round(allowance, data, best, ended, misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE))
+    misfit = misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE)
+    return Round(allowance, data, best, ended, misfit, best.cost)
 
 
 def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, scatter: RunScatter | None = None) -> Fit:

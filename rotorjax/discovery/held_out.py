@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from rotorjax.discovery.search import NOTHING, PRICE, WORTH_TRYING, Selection
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.data import make_folds, residual_vectors
 from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
+from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
 
 
@@ -37,15 +38,14 @@ def held_out(contest: Contest, selection: Selection, ties: Ties) -> HeldOut:
     near = _near(contest, selection, ties)
     known, small = {**selection.known, **ties.raced}, frozenset(selection.small)
     last = _Folds(contest, known, selection.present, selection.races[-1].noise, folds)
-    last.fit(dict.fromkeys(range(len(folds)), near))
-    chosen = [last.chosen(fold) for fold in range(len(folds))]
+    chosen = last.choose([near] * len(folds), _pruned)
     errors, shown = [], [NOTHING] * len(folds)
     for step in selection.races[:-1]:
         fits = _Folds(contest, known, selection.present, step.noise, folds)
-        further = {fold: [now | {name} for name in chosen[fold] - now - small] for fold, now in enumerate(shown)}
-        fits.fit({fold: [now, *further[fold]] for fold, now in enumerate(shown)})
+        fits.choose([[now] for now in shown], _most_probable)
         errors.append(fits.error(shown))
-        shown = [fits.best(fold, further[fold] or [now]) for fold, now in enumerate(shown)]
+        further = [[now | {name} for name in chosen[fold] - now - small] for fold, now in enumerate(shown)]
+        shown = fits.choose([several or [now] for several, now in zip(further, shown, strict=True)], _most_probable)
     return HeldOut((*errors, last.error(chosen)), "")
 
 
@@ -58,26 +58,57 @@ def _near(contest: Contest, selection: Selection, ties: Ties) -> list[Effects]:
     return [e for e in dict.fromkeys((*parts, *beside, *instead)) if len(e) <= max(selection.most + len(selection.small), len(answer))]
 
 
+Scores = dict[Effects, float]
+"""Log evidence plus log prior odds."""
+
+
 class _Folds:
-    """All folds under one noise: their fits, and the choice that each makes."""
+    """All folds under one noise: their fits, and the choice that each makes.
+
+    What the whole data's fits say of a fold to first order (`rotorjax.inference.influence`) rules out most sets; those that may be chosen
+    are fitted without it.
+    """
 
     def __init__(self, contest: Contest, known: Known, answer: Effects, noise: Noise, folds: Bool[np.ndarray, "fold case"]) -> None:
         self.contest, self.known, self.noise, self.folds = contest, known, noise, folds
         self.data = contest.data(noise, known[answer].best.point)
-        self.ends: list[dict[Effects, End]] = [{} for _ in folds]
+        self.rests = [dataclasses.replace(contest, training=~left_out) for left_out in folds]
+        self.whole: dict[Effects, list[End]] = {}
+        self.first: list[dict[Effects, End]] = [{} for _ in folds]
+        self.fitted: list[dict[Effects, End]] = [{} for _ in folds]
 
-    def fit(self, wanted: Mapping[int, Iterable[Effects]]) -> None:
-        """Fit sets of effects to the rest of each fold, all in the same compiled calls."""
-        keys = [(fold, effects) for fold, sets in wanted.items() for effects in sets if effects not in self.ends[fold]]
-        tasks = [(fold, effects, start) for fold, effects in keys for start in self._starts(effects)]
+    def choose(self, wanted: Sequence[Sequence[Effects]], choice: Callable[[Scores], Effects]) -> list[Effects]:
+        """What each fold chooses among some sets."""
+        self._on_all(dict.fromkeys(itertools.chain(*wanted)))
+        while tasks := [(fold, effects) for fold, sets in enumerate(wanted) for effects in self._doubtful(fold, sets, choice)]:
+            ends = self._descended([(effects, Start.at(end), self.rests[fold].training) for fold, effects in tasks for end in self.whole[effects]])
+            for fold, effects in tasks:
+                self.fitted[fold][effects] = best_of([ends.pop(0) for _ in self.whole[effects]])
+        return [choice(self._scores(fold, sets)) for fold, sets in enumerate(wanted)]
+
+    def _on_all(self, sets: Iterable[Effects]) -> None:
+        """Fit sets of effects to all data, and take each fold out of them to first order."""
+        tasks = [(effects, start) for effects in sets if effects not in self.whole for start in self._starts(effects)]
+        ends = self._descended([(effects, start, self.contest.training) for effects, start in tasks])
+        for (effects, _), end in zip(tasks, ends, strict=True):
+            self.whole.setdefault(effects, []).append(end)
+        for effects in dict.fromkeys(effects for effects, _ in tasks):
+            for fold, rest in enumerate(self.rests):
+                every = [influenced(self.data, end, rest.training) for end in self.whole[effects]]
+                self.first[fold][effects] = best_of(every)
+
+    def _doubtful(self, fold: int, sets: Sequence[Effects], choice: Callable[[Scores], Effects]) -> list[Effects]:
+        """Those that are not fitted without a fold and may be its choice."""
+        scores = self._scores(fold, sets)
+        least, chosen = max(scores.values()) - PRICE - CLEAR, choice(scores)
+        return [e for e in sets if e not in self.fitted[fold] and (e == chosen or scores[e] > least)]
+
+    def _descended(self, tasks: list[tuple[Effects, Start, np.ndarray]]) -> list[End]:
         if not tasks:
-            return
-        masks = np.stack([self.contest.free(effects) for _, effects, _ in tasks])
-        training = np.stack([~self.folds[fold] for fold, _, _ in tasks])
-        starts = [start for *_, start in tasks]
-        found = descend(self.contest.space, self.data, starts, masks, training, budget=self.contest.budget, manner=QUICK)
-        for (fold, effects, _), end in zip(tasks, found, strict=True):
-            self.ends[fold][effects] = best_of([end, *([self.ends[fold][effects]] if effects in self.ends[fold] else [])])
+            return []
+        masks, training = np.stack([self.contest.free(effects) for effects, *_ in tasks]), np.stack([cases for *_, cases in tasks])
+        starts = [start for _, start, _ in tasks]
+        return descend(self.contest.space, self.data, starts, masks, training, budget=self.contest.budget, manner=QUICK)
 
     def _starts(self, effects: Effects) -> list[Start]:
         """Optima on all data to begin with: of the same set, or of the nearest one."""
@@ -87,33 +118,27 @@ class _Folds:
         return [Start.at(nearest)._replace(point=np.where(self.contest.free(effects), nearest.point, self.contest.space.given_unknowns()))]
 
     def error(self, bases: list[Effects]) -> float:
-        """Root mean square |residual| of each fold's own set on what was left out [m]."""
+        """Root mean square |residual| of each fold's own choice on what was left out [m]."""
         squares, cells = 0.0, 0
         for fold, left_out in enumerate(self.folds):
             counted = self.contest.measurement.present & left_out[:, None, None]
-            residual = residual_vectors(self.ends[fold][bases[fold]].local.error, self.data)
+            residual = residual_vectors(self.fitted[fold][bases[fold]].local.error, self.data)
             squares, cells = squares + float(np.sum(np.abs(residual[counted]) ** 2)), cells + int(counted.sum())
         return math.sqrt(squares / cells)
 
-    def scores(self, fold: int) -> dict[Effects, float]:
-        """Log evidence plus log prior odds of everything fitted to a fold's rest."""
-        unknown = self.noise.allowance > self.contest.floor.allowance
-        size = dataclasses.replace(self.contest, training=~self.folds[fold]).independent_numbers() if unknown else None
-        return {e: contender_of(e, [end], size).log_evidence + self.contest.log_odds(e) for e, end in self.ends[fold].items()}
-
-    def best(self, fold: int, sets: Iterable[Effects]) -> Effects:
-        """The most probable of some sets that were fitted."""
-        scores = self.scores(fold)
-        return max(sets, key=lambda effects: scores[effects])
-
-    def chosen(self, fold: int) -> Effects:
-        """The most probable set of a fold, less what can be left out at no more than the price of a detection."""
-        return _pruned(self.scores(fold))
+    def _scores(self, fold: int, sets: Iterable[Effects]) -> Scores:
+        """Of some sets on a fold's rest."""
+        ends = {e: self.fitted[fold].get(e, self.first[fold][e]) for e in sets}
+        return {e: contender_of(self.rests[fold], e, [end], self.noise).log_evidence + self.contest.log_odds(e) for e, end in ends.items()}
 
 
-def _pruned(scores: dict[Effects, float]) -> Effects:
+def _most_probable(scores: Scores) -> Effects:
+    return max(scores, key=lambda effects: scores[effects])
+
+
+def _pruned(scores: Scores) -> Effects:
     """The best set, less what can be left out at no more than the price of a detection."""
-    best = max(scores, key=lambda effects: scores[effects])
+    best = _most_probable(scores)
     while smaller := [e for e in scores if e < best and len(e) == len(best) - 1 and scores[best] - scores[e] <= PRICE]:
         best = max(smaller, key=lambda effects: scores[effects])
     return best

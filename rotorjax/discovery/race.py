@@ -12,7 +12,7 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.inference.descent import HOPELESS, QUICK, End, Start, best_of, descend, starts_at
+from rotorjax.inference.descent import HOPELESS, QUICK, End, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.measurement import Measurement
@@ -21,8 +21,6 @@ from rotorjax.space import Space, make_space, with_company
 
 MOST_STARTS, MOST_PARENTS = 8, 2
 """Starts of one set of effects, and known neighbours whose optima they come from."""
-DISTINCT = 3.0
-"""Posterior standard deviations apart from which two optima count as two."""
 NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
 """Most alternations between a race and the noise that its leader leaves, and of the leader's fit and its own misfit."""
 EXACT_SHARE = 50_000
@@ -44,15 +42,17 @@ class Contender(NamedTuple):
     effects: Effects
     ends: tuple[End, ...]
     log_evidence: float
+    noise: Noise
+    """Under which it was fitted: log evidence under different noise cannot be compared."""
 
     @property
     def best(self) -> End:
         """The best optimum."""
         return self.ends[0]
 
-    def led_by(self, end: End) -> "Contender":
-        """The same, its evidence too, with another end in the place of the best."""
-        return self._replace(ends=(end, *self.ends[1:]))
+    def led_by(self, end: End, noise: Noise) -> "Contender":
+        """The same, its evidence too, with another end in the place of the best, fitted under some noise."""
+        return self._replace(ends=(end, *self.ends[1:]), noise=noise)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +112,7 @@ class Contest:
         """Model minus measured on the cases that count, zero elsewhere [m]."""
         return residual_vectors(end.local.error, data) * self.training[:, None, None]
 
+    @cached_property
     def independent_numbers(self) -> int:
         """Number of data where the model misses: see `noise.independent_numbers`."""
         kept = self.kept_measurement()
@@ -190,7 +191,7 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     for size in sorted({len(effects) for effects in wanted}):
         level = [effects for effects in wanted if len(effects) == size]
         for effects, ends in _fitted(contest, data, level, {**known, **found}, also or {}, afresh=afresh).items():
-            found[effects] = contender_of(effects, ends, _misfit_numbers(contest, noise))
+            found[effects] = contender_of(contest, effects, ends, noise)
     return found
 
 
@@ -207,11 +208,6 @@ def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, a
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
     ends = descend(contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=QUICK)
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
-
-
-def _misfit_numbers(contest: Contest, noise: Noise) -> int | None:
-    """For `contender_of`: number of data where the noise is a misfit of unknown size."""
-    return contest.independent_numbers() if noise.allowance > contest.floor.allowance else None
 
 
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, *, afresh: bool) -> list[Start]:
@@ -238,26 +234,21 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
     return distinct[:MOST_STARTS]
 
 
-def contender_of(effects: Effects, ends: list[End], unknown_noise: int | None) -> Contender:
+def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noise) -> Contender:
     """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else none.
 
-    Laplace: -cost - ½ log det H, H in units of the priors. ``unknown_noise``: number n of independent data where
-    the noise is a misfit of unknown size; it is then marginalised (Jeffreys prior), -(n/2) log(2 cost / n).
+    Laplace: -cost - ½ log det H, H in units of the priors. Where the noise is a misfit of unknown size it is marginalised (Jeffreys
+    prior): -(n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
-    distinct: list[End] = []
-    for end in sorted(ends, key=lambda end: end.cost):
-        if not math.isfinite(end.cost) or not end.exact:
-            continue
-        gaps = [(end.point - other.point)[end.free] for other in distinct]
-        if all(gap @ end.curvature @ gap > DISTINCT**2 for gap in gaps) or not distinct:
-            distinct.append(end)
+    numbers = contest.independent_numbers if noise.allowance > contest.floor.allowance else None
+    distinct = distinct_of(ends)
     if not distinct:
-        return Contender(effects, (best_of(ends),), -math.inf)
+        return Contender(effects, (best_of(ends),), -math.inf, noise)
     terms = []
     for end in distinct:
-        cost = end.cost if unknown_noise is None else 0.5 * unknown_noise * math.log(max(2.0 * end.cost / unknown_noise, 1e-300))
+        cost = end.cost if numbers is None else 0.5 * numbers * math.log(max(2.0 * end.cost / numbers, 1e-300))
         terms.append(-cost - 0.5 * float(np.linalg.slogdet(end.curvature)[1]))
-    return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)))
+    return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
 
 
 class Race(NamedTuple):
@@ -284,7 +275,7 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         exact = race(apart, contest.floor, wanted, known)
         contest.budget.spent += apart.budget.spent
         leader = _leader(contest, exact, wanted)
-        if misfit_left(contest, exact[leader], contest.floor) == contest.floor.allowance:
+        if misfit_left(contest, exact[leader]) == contest.floor.allowance:
             return Race(contest.floor, exact, leader)
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
     found = {**known, **race(contest, noise, wanted, known, also=exact)}
@@ -312,7 +303,7 @@ def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:
     """The misfit that one contender leaves when it is fitted under just that misfit, and the contender there."""
     for _ in range(ALONE_ROUNDS):
-        after = noise._replace(allowance=misfit_left(contest, contender, noise))
+        after = noise._replace(allowance=misfit_left(contest, contender))
         if _same(after, noise):
             break
         contender = race(contest, after, [contender.effects], {contender.effects: contender}, afresh=_falls(after, noise))[contender.effects]
@@ -328,13 +319,13 @@ def _same(one: Noise, other: Noise) -> bool:
     return abs(one.allowance - other.allowance) <= NOISE_CHANGE * max(one.allowance, other.allowance)
 
 
-def misfit_left(contest: Contest, contender: Contender, under: Noise) -> float:
-    """Isotropic misfit that a contender, fitted under one noise, leaves [m]."""
-    left = contest.left(contender.best, contest.data(under, contender.best.point))
+def misfit_left(contest: Contest, contender: Contender) -> float:
+    """Isotropic misfit that a contender leaves [m]."""
+    left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
     return misfit_of(contest.kept_measurement(), contest.model_at(contender), left, len(contender.best.free), contest.floor)
 
 
-def with_floor(contest: Contest, contender: Contender, under: Noise) -> Contest:
+def with_floor(contest: Contest, contender: Contender) -> Contest:
     """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the rest."""
-    left = contest.left(contender.best, contest.data(under, contender.best.point))
+    left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
     return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.race import Contender, Contest, Effects, Known, Race, settle, with_floor
+from rotorjax.discovery.race import Contender, Contest, Effects, Known, Race, misfit_left, settle, with_floor
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.measurement import Measurement
@@ -78,7 +78,7 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
     """
     table: Known = {}
     start = settle(contest, [NOTHING], table, _wide(contest))
-    contest = with_floor(contest, start.contenders[NOTHING], start.noise)
+    contest = with_floor(contest, start.contenders[NOTHING])
     table.update(start.contenders)
     noise, present, small = start.noise, NOTHING, NOTHING
     tried: set[Effects] = {NOTHING}
@@ -110,7 +110,7 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
             return _told(contest, most, present, small, table, seen)
         present = chosen
         tried.add(present)
-        contest = with_floor(contest, table[present | small], noise)
+        contest = with_floor(contest, table[present | small])
 
 
 def _wide(contest: Contest) -> Noise:
@@ -177,13 +177,19 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
-        race = seen[base] if base in seen else forward(contest, base, table, noise)
+        race = seen[base] if base in seen else forward(contest, base, table, _next_left(contest, base, present, table, noise))
         table.update(race.contenders)
         races.append(race)
         if done:
             return Selection(contest, tuple(order), tuple(sorted(small)), most, tuple(races), table)
         noise = race.noise
         order.append(next(r.effect for r in ranking(contest, race, base) if r.effect in present and r.effect not in order))
+
+
+def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, noise: Noise) -> Noise:
+    """The misfit that the best of the next effects leaves, as far as they were fitted before: where the noise of their race will end, or near it."""
+    left = [misfit_left(contest, table[base | {name}]) for name in present - base if base | {name} in table]
+    return noise._replace(allowance=min(left, default=noise.allowance))
 
 
 def retold(selection: Selection, present: Effects, found: Known) -> Selection:

@@ -11,13 +11,14 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax._core import numpy_pair
-from rotorjax.discovery.race import Contender, Contest, Effects, Known, race
+from rotorjax.discovery.race import Contender, Contest, Effects, Known, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
-from rotorjax.inference.data import half_order_sign
+from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import HOPELESS, End
+from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
-from rotorjax.inference.prior import prior_at, together
+from rotorjax.inference.prior import Prior, prior_at, together
 from rotorjax.measurement import is_half_order
 from rotorjax.model import Effect
 
@@ -153,14 +154,33 @@ def _determined(end: End) -> int:
 
 
 def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
-    """Those of the others that lead the winner under wider or narrower priors."""
+    """Those of the others that lead the winner under wider or narrower priors: to first order, fitted where that leaves it open."""
     leads: set[Effects] = set()
-    every = contest.only_of({e.effect for e in contest.space.entries})
+    every, data = contest.only_of({e.effect for e in contest.space.entries}), contest.data(noise, winner.best.point)
     for factor in SCALES if others else ():
-        changed, known = _rescaled(contest, np.where(every, factor, 1.0), [winner, *others])
-        again = race(changed, noise, known, known)
-        leads |= {c.effects for c in others if again[c.effects].log_evidence > again[winner.effects].log_evidence}
+        factors = np.where(every, factor, 1.0)
+        own = _under(contest, data, factors, winner)
+        close = [c for c in others if _under(contest, data, factors, c).log_evidence > own.log_evidence - CLEAR]
+        if close:
+            changed, known = _rescaled(contest, factors, [winner, *close])
+            again = race(changed, noise, known, known)
+            leads |= {c.effects for c in close if again[c.effects].log_evidence > again[winner.effects].log_evidence}
     return leads
+
+
+def _under(contest: Contest, data: Data, factors: Float[np.ndarray, "param"], contender: Contender) -> Contender:
+    """A contender under prior scales times some factors, to first order about where it was fitted; unknowns in units of those."""
+    ends = []
+    for end in contender.ends:
+        by, parts = factors[end.free], together(np.asarray(contest.space.open_size)[end.free])
+
+        def prior(unknowns: Float[np.ndarray, "free"], by: np.ndarray = by, parts: np.ndarray = parts) -> Prior:
+            scaled = prior_at(unknowns / by, parts)
+            return scaled._replace(weight=scaled.weight / by**2)
+
+        there = influenced(data, end, contest.training, prior)
+        ends.append(there._replace(point=there.point / factors, curvature=by[:, None] * there.curvature * by))
+    return contender_of(contest, contender.effects, ends, contender.noise)
 
 
 def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
@@ -176,5 +196,5 @@ def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
 def _rescaled(contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]) -> tuple[Contest, Known]:
     """The contest with the prior scale of every unknown times a factor."""
     space = dataclasses.replace(contest.space, scale=contest.space.scale * jnp.asarray(factors[np.asarray(contest.space.unknown)]))
-    known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf) for c in contenders}
+    known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf, c.noise) for c in contenders}
     return dataclasses.replace(contest, space=space), known

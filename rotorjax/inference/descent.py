@@ -18,10 +18,13 @@ from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
 from rotorjax.inference.motions import balanced, first_motions
 from rotorjax.inference.prior import Prior, prior_at, together
+from rotorjax.inference.squares import Squares
 from rotorjax.space import Space
 
 HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
+DISTINCT = 3.0
+"""Posterior standard deviations apart from which two optima count as two."""
 LARGEST_DAMPING = 1e4
 WELL, POORLY = 0.5, 0.25
 """Shares of the fall that a step promises, down to which the next ones are damped less, and below which more."""
@@ -52,6 +55,8 @@ class Manner(NamedTuple):
     """Starts of the same fit that go on once their motions balance."""
     patience: int = 6
     """Steps after which a start may be given up for others of the same fit, or for what is better by far."""
+    promising: int = 3
+    """The same where it does not even promise to come near that."""
 
 
 THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=60)
@@ -136,12 +141,13 @@ def descend(  # noqa: PLR0913
     kept: Float[np.ndarray, "param"] | None = None,
     shift: Float[np.ndarray, "start case cell"] | None = None,
     manner: Manner = THOROUGH,
+    reached: float = math.inf,
 ) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
 
     Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
     it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
-    that. A trial whose numbers overflow is not taken. **Returns** one `End` per start.
+    that. A trial whose numbers overflow is not taken. ``reached``: cost that something else reaches on the same cases. **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
@@ -161,7 +167,7 @@ def descend(  # noqa: PLR0913
         for one, there in zip(going, _linearised(lin, going, manner), strict=True):
             one.advance(there)
         if shift is None:
-            _give_up(running, kinds, manner)
+            _give_up(running, kinds, manner, reached)
     return [d.end() for d in running]
 
 
@@ -177,13 +183,13 @@ def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> 
     return found
 
 
-def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner) -> None:
+def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner, reached: float) -> None:
     """End descents that others have left far behind, by costs of motions that balance only."""
     for cases in {kind[1] for kind in kinds}:
         own = [d for d, kind in zip(running, kinds, strict=True) if kind[1] == cases]
-        best = min((d.cost for d in own if d.settled), default=math.inf)
+        best = min([reached, *(d.cost for d in own if d.settled)])
         for one in own:
-            one.give_up(one.patient and one.data_cost > best + HOPELESS)
+            one.give_up((one.patient and one.data_cost > best + HOPELESS) or one.promises_no_less_than(best + HOPELESS))
     for kind in set(kinds):
         rivals = [d for d, other in zip(running, kinds, strict=True) if other == kind]
         if len(rivals) > 1:
@@ -200,8 +206,8 @@ class _Task(NamedTuple):
     shift: Float[np.ndarray, "case cell"] | None
 
 
-class _Normal:
-    """The normal equations of one linearisation under one freedom of the motions, what scatters between runs integrated out."""
+class _Normal(Squares):
+    """The normal equations of one linearisation under one freedom of the motions."""
 
     def __init__(self, lin: Linearisation, one: Linearised, task: _Task, freedom: float) -> None:
         self.one, self.task, self.freedom = one, task, freedom if one.freedom is not None else 0.0
@@ -214,22 +220,7 @@ class _Normal:
             self._factor = np.linalg.cholesky(np.eye(reach.shape[1]) + reach @ np.swapaxes(reach, 1, 2))
             error = np.linalg.solve(self._factor, error[..., None])[..., 0]
             slopes, scatter = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, scatter)
-        self._error, self._slopes = error, slopes
-        self.cost = 0.5 * float(np.sum(error**2))
-        size = slopes.shape[-1]
-        flat = slopes.reshape(error.size, size)
-        self.gradient, self.hessian = flat.T @ error.ravel(), flat.T @ flat
-        self._scatter, self._run = None, lin.data.run
-        if scatter.shape[-1]:
-            member = (lin.data.run[:, None] == np.arange(lin.data.run_count)).astype(float)
-            inner = np.eye(scatter.shape[-1]) + np.einsum("cr,cml,cmk->rlk", member, scatter, scatter, optimize=True)
-            score = np.einsum("cr,cml,cm->rl", member, scatter, error, optimize=True)
-            cross = np.einsum("cr,cml,cmp->rlp", member, scatter, slopes, optimize=True)
-            self._scatter, self._inner, self._score, self._cross = scatter, inner, score, cross
-            solved = np.linalg.solve(inner, np.concatenate([score[..., None], cross], axis=-1))
-            self.cost -= 0.5 * float(np.sum(score * solved[..., 0]))
-            self.gradient = self.gradient - np.einsum("rlp,rl->p", cross, solved[..., 0])
-            self.hessian = self.hessian - np.einsum("rlp,rlq->pq", cross, solved[..., 1:])
+        super().__init__(lin.data, error, slopes, scatter)
 
     def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "case motion"]:
         """How the motions move with a step of the parameters."""
@@ -237,11 +228,7 @@ class _Normal:
         assert free is not None
         moved = -(free.newton + free.newton_slopes @ step)
         if self._factor is not None:
-            left = self._error + self._slopes @ step
-            if self._scatter is not None:
-                random = np.linalg.solve(self._inner, (self._score + self._cross @ step)[..., None])[..., 0]
-                left = left - np.einsum("cml,cl->cm", self._scatter, random[self._run])
-            pull = np.linalg.solve(np.swapaxes(self._factor, 1, 2), left[..., None])[..., 0] * self.task.training[:, None]
+            pull = np.linalg.solve(np.swapaxes(self._factor, 1, 2), self.left(step)[..., None])[..., 0] * self.task.training[:, None]
             force = self.freedom**2 * np.einsum("cmi,cm->ci", free.reach, pull)
             moved = moved - np.einsum("cij,cj->ci", free.by_force, force)
         return moved
@@ -270,7 +257,7 @@ class _Descent:
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
         self.normal: _Normal | None = None
         self.since = self.stalled = 0
-        self.promised = 0.0
+        self.promised = self.decrement = 0.0
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
@@ -289,6 +276,10 @@ class _Descent:
     def patient(self) -> bool:
         """Whether it was given its steps."""
         return self.freedom == 0.0 and self.since >= self.manner.patience
+
+    def promises_no_less_than(self, cost: float) -> bool:
+        """Whether even a step without damping promises no cost below one: near balance it promises too much, as a rule."""
+        return self.settled and self.since >= self.manner.promising and self.data_cost - self.decrement > cost
 
     def give_up(self, hopeless: bool) -> None:
         """End it where it stands."""
@@ -321,7 +312,7 @@ class _Descent:
             self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
         if taken:
             self._firmer()
-        decrement = self._propose()
+        self.decrement = self._propose()
         limit = self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
@@ -330,7 +321,7 @@ class _Descent:
         balanced = self.freedom == 0.0 and self._off() < BALANCED
         if self.steps >= self.manner.most_steps:
             self.done = True
-        elif balanced and (decrement <= limit or fallen):
+        elif balanced and (self.decrement <= limit or fallen):
             self._arrived()
         elif stuck:
             self._give_in(balanced)
@@ -388,7 +379,7 @@ class _Descent:
         self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
         if self.freedom > 0.0:
             self._firmer()
-            self._propose()
+            self.decrement = self._propose()
         elif balanced and self.timed and not self.here.point.refined:
             self._arrived()
         else:
@@ -446,6 +437,18 @@ class _Descent:
             here.point.unknowns, normal.cost + self.prior.cost, free, curvature, self.prior, Local(error, here.slopes), lin.vectors(here.shown),
             here.point.motions, self.steps, self.result, exact,
         )  # fmt: skip
+
+
+def distinct_of(ends: Sequence[End]) -> list[End]:
+    """Optima further apart than `DISTINCT`, the lowest first: of descents whose motions balance."""
+    found: list[End] = []
+    for end in sorted(ends, key=lambda end: end.cost):
+        if not math.isfinite(end.cost) or not end.exact:
+            continue
+        gaps = [(end.point - other.point)[end.free] for other in found]
+        if all(gap @ end.curvature @ gap > DISTINCT**2 for gap in gaps):
+            found.append(end)
+    return found
 
 
 def best_of(ends: list[End]) -> End:

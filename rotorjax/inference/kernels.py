@@ -207,7 +207,7 @@ def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbal
     model = space.model
     grid = make_grid(model.layout.orders)
 
-    def row(u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[_Along, _Along, Array, Matrix]:
+    def row(u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array, *, any_wanted: bool) -> tuple[_Along, _Along, Array, Matrix]:
         condition = Conditions(speed, unbalance, bow)
 
         def along(at: Array) -> _Along:
@@ -215,10 +215,13 @@ def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbal
             return _Along(ready.lacking(motion), ready.inputs(motion), ready.sensed(motion))
 
         here, push = jax.linearize(along, u)
+        units = _one_hot(wanted, len(u))
+        moved = jax.vmap(push)(units) if any_wanted else jax.tree.map(lambda part: jnp.zeros((len(units), *part.shape), part.dtype), here)
         ready = Ready.of(space.at(u), condition)
-        return here, jax.vmap(push)(_one_hot(wanted, len(u))), ready.sensed_by_motion(), ready.assembled.dynamic
+        return here, moved, ready.sensed_by_motion(), ready.assembled.dynamic
 
-    here, moved, by_motion, dynamic = jax.vmap(row)(unknowns, columns, speed, unbalance, bow, motions)
+    every, none = (jax.vmap(functools.partial(row, any_wanted=some)) for some in (True, False))
+    here, moved, by_motion, dynamic = jax.lax.cond(jnp.any(columns >= 0), every, none, unknowns, columns, speed, unbalance, bow, motions)
     # Not row by row: what is at its null in all rows is passed over.
     forces = force_slopes(parameters_of(model)[1], model.rotor, grid, here.inputs, moved.inputs)
     shown = read_rows(bends_of(model)[1], grid, positions(model.layout.orders, grid), here.sensed, moved.sensed, by_motion)

@@ -49,6 +49,8 @@ class Freedom(NamedTuple):
     """s_q / σ: what is seen of a motion, in standard errors per metre."""
     reach: Float[np.ndarray, "case cell motion"]
     """X W⁻¹: the same in the vectors, in standard errors per metre."""
+    size: Float[np.ndarray, "case"]
+    """|W g|: the force that is lacking, as a displacement [m]."""
     off: Float[np.ndarray, "case"]
     """Largest |X g|: standard errors by which the reading is off what balance will make of it."""
     followed: Float[np.ndarray, "case speed dof wide"]
@@ -59,9 +61,9 @@ class Imbalance(NamedTuple):
     """How far some motions are from balance, each a case at some parameters."""
 
     size: Float[np.ndarray, "row"]
-    """|W g|: the force that is lacking, as a displacement [m]."""
-    off: Float[np.ndarray, "row"]
     """As in `Freedom`."""
+    off: Float[np.ndarray, "row"]
+    """As there."""
     step: Float[np.ndarray, "row speed dof coefficient"]
     """Newton's, towards balance."""
     followed: Float[np.ndarray, "row speed dof wide"]
@@ -240,8 +242,8 @@ class Linearisation:
         force = eq.force[0] if refined is None else refined[0]
         by_motion = eq.force_by_motion[0]
         inverse = _solved(by_motion, np.broadcast_to(np.eye(by_motion.shape[-1]), by_motion.shape))
-        dof = eq.force.shape[-1] // self.kernels.coefficients
-        by_force = inverse / np.tile(self._per_force[task.cases], dof)[:, :, None, :]
+        per_force = np.tile(self._per_force[task.cases], eq.force.shape[-1] // self.kernels.coefficients)
+        by_force, size = inverse / per_force[:, :, None, :], np.linalg.norm((force * per_force).reshape(cases, -1), axis=1)
         newton = np.einsum("csij,csj->csi", inverse, force)
         newton_slopes = inverse @ _joined(eq.force_slopes, free)
         read = eq.shown_by_motion[0]
@@ -252,7 +254,7 @@ class Linearisation:
         seen, reach = (np.concatenate(np.moveaxis(sign * by_motion, 1, 0), axis=-1) * weight[..., None] for by_motion in (read, read @ by_force))
         unread = np.abs(self._less_slow_roll(off) * weight).max(axis=1)
         freedom = Freedom(
-            newton.reshape(cases, -1), newton_slopes.reshape(cases, reach.shape[-1], free), _block_diagonal(by_force), seen, reach, unread,
+            newton.reshape(cases, -1), newton_slopes.reshape(cases, reach.shape[-1], free), _block_diagonal(by_force), seen, reach, size, unread,
             task.motions if refined is None else refined[1],
         )  # fmt: skip
         return self._held_against(task, shown, slopes, freedom)

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from rotorjax.inference.linearised import Linearisation, Linearised, Point
+from rotorjax.inference.linearised import Freedom, Imbalance, Linearisation, Linearised, Point
 
 FIRST_MOTION = 10.0
 """Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
@@ -67,10 +67,10 @@ def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tupl
             continue
         which, cases = np.array(rows).T
         unknowns = np.stack([astray[k].point.unknowns for k in which])
-        begin, state = np.stack([freedoms[k].followed[case] for k, case in rows]), np.stack([motions[k][case] for k, case in rows])
-        here, share = lin.imbalance(unknowns, cases, begin, refined=refined), np.ones(len(rows))
+        here, share = _imbalances([freedoms[k] for k in which], cases), np.ones(len(rows))
+        state = np.stack([motions[k][case] for k, case in rows])
         # Less force that is lacking need not read better: nothing is given up for it.
-        nearest = np.array([freedoms[k].off[case] for k, case in rows])
+        nearest = here.off.copy()
         for _ in range(STEPS):
             alive = np.flatnonzero((here.off > tight) & (share > SHORTEST) & np.isfinite(here.size))
             if not len(alive):
@@ -88,3 +88,11 @@ def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tupl
         for row, (k, case) in enumerate(rows):
             motions[k][case] = state[row]
     return [one.point._replace(motions=found) for one, found in zip(astray, motions, strict=True)], moved
+
+
+def _imbalances(freedoms: list[Freedom], cases: Int[np.ndarray, "row"]) -> Imbalance:
+    """Of cases that are linearised already, one of each."""
+    size, off, newton, followed = (
+        np.stack([getattr(freedom, part)[case] for freedom, case in zip(freedoms, cases, strict=True)]) for part in ("size", "off", "newton", "followed")
+    )
+    return Imbalance(size, off, -newton.reshape(*followed.shape[:-1], -1), followed)

@@ -138,7 +138,7 @@ def test_verdict_and_table_are_of_one_fit(monkeypatch):
 
     def losing(contest, noise, hypotheses, known, *others):
         seen.update({end.point.tobytes(): end for contender in known.values() for end in contender.ends})
-        return {effects: contender_of(effects, [known[frozenset()].best], None) for effects in hypotheses}
+        return {effects: contender_of(contest, effects, [known[frozenset()].best], noise) for effects in hypotheses}
 
     def staying(space, data, starts, *others, **manner):
         return [seen[start.point.tobytes()] for start in starts]
