@@ -4,13 +4,14 @@ A row is one set of unknowns at one case and one speed. Shapes depend on the pro
 number of cases, runs, starts or free unknowns: each kernel is compiled once, and every later measurement finds it in the cache.
 """
 
+import contextvars
 import dataclasses
 import functools
 import itertools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +36,17 @@ COLUMNS = 8
 
 
 _WORKERS = ThreadPoolExecutor(os.cpu_count())
-"""Compiled code leaves the interpreter to others while it runs."""
+"""Compiled code, NumPy's too, leaves the interpreter to others while it runs."""
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def side_by_side(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """A function of every item, on all processors."""
+    if len(items) == 1:
+        return [function(items[0])]
+    # What NumPy does on overflow is a setting of the thread's context.
+    return list(_WORKERS.map(lambda item, context: context.run(function, item), items, [contextvars.copy_context() for _ in items]))
 
 
 class Rows(NamedTuple):
@@ -120,7 +131,7 @@ class Kernels:
         """Many orders at many instants along a refined motion."""
         return Refined(*self._in_chunks(self._refined, BALANCED_CHUNK, (*rows, motion)))
 
-    def _in_chunks(self, kernel: Callable[..., Any], size: int, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    def _in_chunks(self, kernel: "_Compiled", size: int, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
         """A kernel at any number of rows; the last chunk is filled up with copies of its last row."""
         count = len(rows[0])
 
@@ -128,9 +139,11 @@ class Kernels:
             index = np.minimum(np.arange(first, first + size), count - 1)
             return [np.asarray(part) for part in kernel(self._leaves, *(values[index] for values in rows))]
 
-        firsts = range(0, count, size)
-        # The first by itself: it may have to be compiled.
-        parts = [chunk(0), *_WORKERS.map(chunk, firsts[1:])]
+        firsts, parts = range(0, count, size), []
+        if not kernel.warm:
+            # The first by itself: it may have to be compiled.
+            parts, firsts, kernel.warm = [chunk(0)], firsts[1:], True
+        parts += side_by_side(chunk, firsts) if firsts else []
         return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
 
 
@@ -162,14 +175,21 @@ def _add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficie
             block[:, im, re] += imaginary[:, order]
 
 
-@functools.lru_cache
-def _compiled(kernel: Callable[..., tuple[Array, ...]], structure: Any) -> Callable[..., tuple[Array, ...]]:
+class _Compiled:
     """A kernel that takes the leaves of a space."""
 
-    def of_leaves(leaves: list[Array], *rows: Array) -> tuple[Array, ...]:
-        return kernel(jax.tree.unflatten(structure, leaves), *rows)
+    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any) -> None:
+        self.warm = False
+        """Whether it was called before."""
+        self._call = jax.jit(lambda leaves, *rows: kernel(jax.tree.unflatten(structure, leaves), *rows))
 
-    return jax.jit(of_leaves)
+    def __call__(self, leaves: list[Array], *rows: np.ndarray) -> tuple[Array, ...]:
+        return self._call(leaves, *rows)
+
+
+@functools.lru_cache
+def _compiled(kernel: Callable[..., tuple[Array, ...]], structure: Any) -> _Compiled:
+    return _Compiled(kernel, structure)
 
 
 def _nameless(space: Space) -> Space:

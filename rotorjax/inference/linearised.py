@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.inference.data import Data, half_order_sign
-from rotorjax.inference.kernels import COLUMNS, Equations, Kernels, Rows
+from rotorjax.inference.kernels import COLUMNS, Equations, Kernels, Rows, side_by_side
 from rotorjax.space import Space
 
 
@@ -202,7 +202,7 @@ class Linearisation:
         wide = np.concatenate([np.concatenate([self._flat(task)] * task.blocks) for task in tasks])
         parts = [self._split(part, tasks) for part in self.kernels.balanced(self._rows(tasks), wide[..., :count])]
         refined = self._refined(tasks)
-        return [self._eliminated(task, Equations(*(part[k] for part in parts)), refined.get(k)) for k, task in enumerate(tasks)]
+        return side_by_side(lambda k: self._eliminated(tasks[k], Equations(*(part[k] for part in parts)), refined.get(k)), range(len(tasks)))
 
     def imbalance(
         self, unknowns: Float[np.ndarray, "row param"], cases: Int[np.ndarray, "row"], motions: Float[np.ndarray, "row speed dof wide"], *, refined: bool
