@@ -38,7 +38,7 @@ def measured(*forces: in_time.Force, seed: int = 1) -> tuple[Model, Measurement]
 @pytest.mark.parametrize(
     ("forces", "expected"),
     [
-        ((in_time.duffing(CUBIC), in_time.quadratic_damping(DRAG)), {"duffing", "quadratic_damping"}),
+        pytest.param((in_time.duffing(CUBIC), in_time.quadratic_damping(DRAG)), {"duffing", "quadratic_damping"}, marks=pytest.mark.campaign),
         ((in_time.duffing(CUBIC), in_time.coulomb_friction(STICK)), {"duffing", "coulomb_friction"}),
     ],
 )
@@ -91,6 +91,7 @@ def test_a_stop_is_not_taken_for_a_rub_without_friction():
     assert ["rub"] not in [names for group in found.ties.groups() for names in group]
 
 
+@pytest.mark.campaign
 def test_friction_whose_motion_is_not_found_at_once_is_not_left_in_a_stack():
     """The first race finds no motion under friction alone; beside two others it does, and what is not needed goes."""
     hidden = drawn_effects.draw(313)
@@ -99,6 +100,7 @@ def test_friction_whose_motion_is_not_found_at_once_is_not_left_in_a_stack():
     assert (found.verdict, found.effects) == ("explained", ("coulomb_friction",))
 
 
+@pytest.mark.campaign
 def test_what_is_beside_friction_is_looked_for_near_the_motion_of_what_leads():
     """Near the motion measured, with its noise, friction lets none be found for the unbalance that is there; for a thermal bow it does."""
     hidden = drawn_effects.draw(513)
@@ -109,6 +111,7 @@ def test_what_is_beside_friction_is_looked_for_near_the_motion_of_what_leads():
     assert sorted(names for group in found.ties.groups() for names in group) == [["residual_unbalance"], ["thermal_bow"]]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("seed", "hidden_effects"), [(563, ("coulomb_friction", "residual_unbalance")), (584, ("rub", "time_delay"))], ids=["friction", "rub"])
 def test_a_force_that_leaves_little_of_the_motion_is_not_lost_in_a_stack_of_linear_effects(seed, hidden_effects):
     """Friction leaves 1X above the noise at 4 of 24 conditions; along what was measured it is too strong at half its size."""

@@ -123,6 +123,7 @@ def test_dry_friction_that_nearly_holds_the_rotor_is_fitted():
     assert found.enough
 
 
+@pytest.mark.campaign
 def test_a_rotor_that_is_held_still_gets_no_certain_answer():
     """Friction holds it within the noise along x, at a thirtieth of its free motion: damping of 160 times would nearly do that."""
     drawn = draw(425)
