@@ -16,12 +16,12 @@ import numpy as np
 from verdicts import write_page
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from drawn_forces import Drawn, draw, measured
-
 from rotorjax import fit
 from rotorjax.discovery.named_force import NamedForce, name_force
 from rotorjax.effects.terms import TERMS
 from rotorjax.tables import number
+
+from drawn_forces import Drawn, draw, measured
 
 ABOUT = """Machine, plan, noise, shape, axis and size are drawn, and the motion is integrated in time. Errors are root mean squares over those of the noise.
 

@@ -31,8 +31,6 @@ import numpy as np
 import tabulate
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-import drawn_forces
-
 import rotorjax
 from rotorjax import Measurement, Model, RestoringEffect, effects
 from rotorjax.discovery.race import Contest, Effects, make_contest
@@ -49,6 +47,7 @@ from rotorjax.response import motions_of, searched_motions, vectors_from
 from rotorjax.space import Space
 
 import drawn_effects
+import drawn_forces
 import hidden_forces
 import nonlinear_oracle as in_time
 from hidden import Plan

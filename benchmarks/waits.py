@@ -1,8 +1,9 @@
 """What the user of `explain` waits for: each explanation in a process of its own, with an empty and with a filled cache of compiled programs.
 
-Prints, and writes as a table, for each measurement: seconds of the whole process but for drawing the data, linearisations, peak memory, programs compiled, and the
-verdict. The example and the RK4 vectors are explained by the command line; a strong cubic spring and a rub with friction (60 cases each,
-`benchmarks/regret.py`) from Python, with the right rig and with one that states a weight that is not there, so that nothing explains the data.
+Prints, and writes as a table, for each measurement: seconds of the whole process but for drawing the data, linearisations, peak memory,
+programs compiled, and the verdict. The example and the RK4 vectors are explained by the command line; a strong cubic spring and a rub with
+friction (60 cases each, `benchmarks/regret.py`) from Python, with the right rig and with one that states a weight that is not there, so
+that nothing explains the data.
 
     python benchmarks/waits.py --output benchmarks/results
 """

@@ -26,8 +26,8 @@ UNDETERMINED = 0.8
 """Posterior over prior standard deviation above which the data are said not to determine a parameter."""
 MISFIT_ROUNDS = 12
 """Most alternations between a fit and the allowance for its misfit."""
-KEPT = 3
-"""Most optima from which the next of these rounds begins."""
+KEPT, MANY = 3, 8
+"""Most optima from which the next of these rounds begins; and starts of which a wide allowance chooses first, where other models are ahead."""
 MISFIT_CHANGE = 0.02
 """Relative change of the allowance below which it stands."""
 NOT_STEADY = "no steady motion was found with these values, so that the prediction is only to first order along the measured motion"
@@ -231,12 +231,17 @@ def _rounds(stage: Stage, own: list[Start] | None = None, ahead: _Ahead | None =
     """
     measurement, ahead = stage.measurement, ahead or _Ahead()
     starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
+    most = max(measurement.rms, LEAST_NOISE)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
+    wide = None
+    if len(starts) > MANY and math.isfinite(ahead.first_cost):
+        wide = _settle(stage, most, starts)
+        starts = wide.starts
     now = _settle(stage, floor, starts, ahead.first_cost)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
     if now.settled and now.misfit == 0.0:
         return [now]
-    wide = _settle(stage, max(measurement.rms, LEAST_NOISE), starts)
+    wide = wide or _settle(stage, most, starts)
     if min(now.minus_log_posterior, wide.minus_log_posterior) > ahead.minus_log_posterior + HOPELESS:
         return [now, wide]
     return [now, wide, _settle(stage, floor, [Start.at(wide.best)], ahead.first_cost)]

@@ -23,7 +23,7 @@ from rotorjax.effects.terms import Reach
 from rotorjax.harmonic import Grid, make_grid, to_complex, to_real
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model, WaveformEffect
-from rotorjax.response import vectors
+from rotorjax.response import response
 from rotorjax.restoring_forces import restoring
 from rotorjax.steady import by_order, in_space, positions, restoring_system, without_timed
 
@@ -217,7 +217,7 @@ def _motion(
     shown = measurement.vectors
     if model.slow_roll is not None:
         still = dataclasses.replace(measurement.conditions, speed=jnp.full_like(measurement.conditions.speed, model.slow_roll))
-        shown = shown + np.asarray(vectors(dataclasses.replace(without_timed(model), slow_roll=None), still))
+        shown = shown + np.asarray(response(dataclasses.replace(without_timed(model), slow_roll=None), still))
     weight = measurement.weights(allowance)[..., 0]
     weight = np.swapaxes(np.where(measurement.present, np.where(weight > 0.0, weight, 1.0 / MICROMETRE), 0.0), 1, 2)
     miss = np.swapaxes(shown, 1, 2) / np.asarray(sight.turn)[..., None] - np.asarray(sight.rest)

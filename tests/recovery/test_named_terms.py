@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from drawn_forces import draw, measured
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit
 from rotorjax.answer import explanation_json, explanation_text, sentence
@@ -13,6 +12,7 @@ from rotorjax.discovery.missing_force import missing_force
 from rotorjax.discovery.named_force import name_force
 
 import nonlinear_oracle as in_time
+from drawn_forces import draw, measured
 from hidden import Machine, Plan
 
 MACHINE = Machine()
