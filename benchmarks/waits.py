@@ -1,7 +1,8 @@
 """What the user of `explain` waits for: each explanation in a process of its own, with an empty and with a filled cache of compiled programs.
 
 Prints, and writes as a table, for each measurement: seconds of the whole process but for drawing the data, linearisations, peak memory,
-programs compiled, and the verdict. The example and the RK4 vectors are explained by the command line; a strong cubic spring and a rub with
+programs compiled or taken from the cache, and the verdict. The example and the RK4 vectors are explained by the command line; a strong
+cubic spring and a rub with
 friction (60 cases each, `benchmarks/regret.py`) from Python, with the right rig and with one that states a weight that is not there, so
 that nothing explains the data.
 
@@ -36,7 +37,7 @@ DRAWN = {
     "rub with friction, weight stated": ("rub_with_friction", 1),
 }
 """Name -> function of `benchmarks/regret.py`, and which of its problems."""
-COLUMNS = ("measurement", "cache", "seconds", "linearisations", "GB", "programs compiled", "verdict")
+COLUMNS = ("measurement", "cache", "seconds", "linearisations", "GB", "programs", "verdict")
 
 
 class Wait(NamedTuple):
@@ -80,7 +81,9 @@ def _command(folder: Path | None, answer: Path) -> dict[str, object]:
     """By the command line: the tables of a folder, or the RK4 vectors."""
     with as_file(files("rotorjax") / "data" / "rk4") as rk4:
         data = folder or rk4
-        command_line(["explain", str(data / "measurement.csv"), "--rig", str(data / "rig.toml"), "--json", str(answer)])
+        status = command_line(["explain", str(data / "measurement.csv"), "--rig", str(data / "rig.toml"), "--json", str(answer)])
+    if status:
+        raise RuntimeError(f"{data}: status {status}")
     found = json.loads(answer.read_text())
     return {"linearisations": found["cost"]["linearisations"], "verdict": f"{found['verdict']}: {', '.join(found['effects'])}"}
 

@@ -26,8 +26,10 @@ UNDETERMINED = 0.8
 """Posterior over prior standard deviation above which the data are said not to determine a parameter."""
 MISFIT_ROUNDS = 12
 """Most alternations between a fit and the allowance for its misfit."""
-KEPT, MANY = 3, 8
-"""Most optima from which the next of these rounds begins; and starts of which a wide allowance chooses first, where other models are ahead."""
+KEPT = 3
+"""Most optima from which the next of these rounds begins."""
+MANY = 8
+"""Starts beyond which a wide allowance chooses among them first, where other models are ahead."""
 MISFIT_CHANGE = 0.02
 """Relative change of the allowance below which it stands."""
 NOT_STEADY = "no steady motion was found with these values, so that the prediction is only to first order along the measured motion"
@@ -167,7 +169,14 @@ class _Ahead(NamedTuple):
 
     minus_log_posterior: float = math.inf
     first_cost: float = math.inf
-    """As in `Round`, of rounds that begin with the table's noise."""
+    """As in `Round`, of rounds that begin with no allowance."""
+
+    def hopeless_cost(self, measurement: Measurement) -> float:
+        """Cost under the table's noise alone with which a fit does not go on; where that noise is a misfit, only the ratio of costs counts."""
+        if measurement.sigma is None:
+            return math.inf
+        numbers = max(1, np.count_nonzero(measurement.weights(0.0)))
+        return max(self.first_cost + HOPELESS, self.first_cost * math.exp(2.0 * HOPELESS / numbers))
 
 
 def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()) -> list[Fit]:
@@ -227,24 +236,28 @@ def _rounds(stage: Stage, own: list[Start] | None = None, ahead: _Ahead | None =
     parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
     equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
-    **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what makes a fit hopeless.
+    Of many starts a wide allowance chooses those for the narrow one, where other models are ahead; what is behind them by far ends there.
+    **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what other models reached.
     """
     measurement, ahead = stage.measurement, ahead or _Ahead()
     starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
     most = max(measurement.rms, LEAST_NOISE)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     wide = None
-    if len(starts) > MANY and math.isfinite(ahead.first_cost):
+    if len(starts) > MANY and math.isfinite(ahead.minus_log_posterior):
         wide = _settle(stage, most, starts)
         starts = wide.starts
-    now = _settle(stage, floor, starts, ahead.first_cost)
+    hopeless = ahead.hopeless_cost(measurement)
+    now = _settle(stage, floor, starts, hopeless)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
     if now.settled and now.misfit == 0.0:
         return [now]
-    wide = wide or _settle(stage, most, starts)
+    if wide is not None:
+        return [now, wide]
+    wide = _settle(stage, most, starts)
     if min(now.minus_log_posterior, wide.minus_log_posterior) > ahead.minus_log_posterior + HOPELESS:
         return [now, wide]
-    return [now, wide, _settle(stage, floor, [Start.at(wide.best)], ahead.first_cost)]
+    return [now, wide, _settle(stage, floor, [Start.at(wide.best)], hopeless)]
 
 
 def _likeliest(rounds: "list[Round]") -> "Round":
@@ -261,7 +274,7 @@ class Round(NamedTuple):
     """Where the descents ended: to go on from."""
     misfit: float
     first_cost: float
-    """Under the allowance that the rounds began with."""
+    """Cost of the best fit under the allowance that the rounds began with, if its motions balance."""
 
     @property
     def settled(self) -> bool:
@@ -275,9 +288,9 @@ class Round(NamedTuple):
         return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
 
 
-def _settle(stage: Stage, allowance: float, starts: list[Start], reached: float = math.inf) -> Round:
-    """Rounds until the allowance equals the misfit found. **Arguments:** ``reached``: cost of something else in the first of them."""
-    now = _round(stage, allowance, starts, stage.space.model, reached)
+def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float = math.inf) -> Round:
+    """Rounds until the allowance equals the misfit found. **Arguments:** ``hopeless``: cost with which the first of them does not go on."""
+    now = _round(stage, allowance, starts, stage.space.model, hopeless)
     for _ in range(MISFIT_ROUNDS - 1):
         if now.settled:
             break
@@ -285,10 +298,10 @@ def _settle(stage: Stage, allowance: float, starts: list[Start], reached: float 
     return now
 
 
-def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, reached: float = math.inf) -> Round:
+def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, hopeless: float = math.inf) -> Round:
     data = make_data(stage.measurement, model, Noise(allowance))
     every = np.ones((len(starts), len(stage.measurement.run)), bool)
-    ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget, reached=reached)
+    ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget, hopeless=hopeless)
     best = best_of(ends)
     # Of many starts a few optima are left.
     ended = [Start.at(end) for end in distinct_of(ends)[:KEPT]]
@@ -297,7 +310,7 @@ def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, re
         ended = [Start.at(end) if math.isfinite(end.cost) else start for end, start in lowest]
     left = residual_vectors(best.local.error, data)
     misfit = misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE)
-    return Round(allowance, data, best, ended, misfit, best.cost)
+    return Round(allowance, data, best, ended, misfit, best.cost if best.exact else math.inf)
 
 
 def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, scatter: RunScatter | None = None) -> Fit:

@@ -98,10 +98,15 @@ class _Folds:
                 self.first[fold][effects] = best_of(every)
 
     def _doubtful(self, fold: int, sets: Sequence[Effects], choice: Callable[[Scores], Effects]) -> list[Effects]:
-        """Those that are not fitted without a fold and may be its choice."""
-        scores = self._scores(fold, sets)
+        """Those that are not fitted without a fold and may be its choice, or decide it."""
+        scores, first = self._scores(fold, sets), self.first[fold]
         least, chosen = max(scores.values()) - PRICE - CLEAR, choice(scores)
-        return [e for e in sets if e not in self.fitted[fold] and (e == chosen or scores[e] > least)]
+
+        def doubtful(effects: Effects) -> bool:
+            near = effects == chosen or scores[effects] > least or not first[effects].exact
+            return near or choice({**scores, effects: scores[effects] + CLEAR}) == effects
+
+        return [effects for effects in sets if effects not in self.fitted[fold] and doubtful(effects)]
 
     def _descended(self, tasks: list[tuple[Effects, Start, np.ndarray]]) -> list[End]:
         if not tasks:

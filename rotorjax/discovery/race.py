@@ -43,7 +43,7 @@ class Contender(NamedTuple):
     ends: tuple[End, ...]
     log_evidence: float
     noise: Noise
-    """Under which it was fitted: log evidence under different noise cannot be compared."""
+    """Under which it was fitted: log evidence is compared under the same noise, or nearly the same."""
 
     @property
     def best(self) -> End:

@@ -188,7 +188,8 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
 
 def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, noise: Noise) -> Noise:
     """The misfit that the best of the next effects leaves, as far as they were fitted before: where the noise of their race will end, or near it."""
-    left = [misfit_left(contest, table[base | {name}]) for name in present - base if base | {name} in table]
+    known = [table[base | {name}] for name in present - base if base | {name} in table]
+    left = [misfit_left(contest, contender) for contender in known if contender.best.exact]
     return noise._replace(allowance=min(left, default=noise.allowance))
 
 

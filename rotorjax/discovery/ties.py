@@ -159,12 +159,11 @@ def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: 
     every, data = contest.only_of({e.effect for e in contest.space.entries}), contest.data(noise, winner.best.point)
     for factor in SCALES if others else ():
         factors = np.where(every, factor, 1.0)
-        own = _under(contest, data, factors, winner)
-        close = [c for c in others if _under(contest, data, factors, c).log_evidence > own.log_evidence - CLEAR]
-        if close:
-            changed, known = _rescaled(contest, factors, [winner, *close])
-            again = race(changed, noise, known, known)
-            leads |= {c.effects for c in close if again[c.effects].log_evidence > again[winner.effects].log_evidence}
+        changed, known = _rescaled(contest, factors, [winner, *others])
+        own = race(changed, noise, [winner.effects], known)[winner.effects]
+        close = [c.effects for c in others if _under(contest, data, factors, c).log_evidence > own.log_evidence - CLEAR]
+        again = race(changed, noise, close, known)
+        leads |= {effects for effects in close if again[effects].log_evidence > own.log_evidence}
     return leads
 
 

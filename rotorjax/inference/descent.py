@@ -141,13 +141,13 @@ def descend(  # noqa: PLR0913
     kept: Float[np.ndarray, "param"] | None = None,
     shift: Float[np.ndarray, "start case cell"] | None = None,
     manner: Manner = THOROUGH,
-    reached: float = math.inf,
+    hopeless: float = math.inf,
 ) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
 
     Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
     it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
-    that. A trial whose numbers overflow is not taken. ``reached``: cost that something else reaches on the same cases. **Returns** one `End` per start.
+    that. A trial whose numbers overflow is not taken. ``hopeless``: cost with which a descent does not go on. **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
@@ -167,7 +167,7 @@ def descend(  # noqa: PLR0913
         for one, there in zip(going, _linearised(lin, going, manner), strict=True):
             one.advance(there)
         if shift is None:
-            _give_up(running, kinds, manner, reached)
+            _give_up(running, kinds, manner, hopeless)
     return [d.end() for d in running]
 
 
@@ -183,13 +183,13 @@ def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> 
     return found
 
 
-def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner, reached: float) -> None:
+def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner, hopeless: float) -> None:
     """End descents that others have left far behind, by costs of motions that balance only."""
     for cases in {kind[1] for kind in kinds}:
         own = [d for d, kind in zip(running, kinds, strict=True) if kind[1] == cases]
-        best = min([reached, *(d.cost for d in own if d.settled)])
+        most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
         for one in own:
-            one.give_up((one.patient and one.data_cost > best + HOPELESS) or one.promises_no_less_than(best + HOPELESS))
+            one.give_up((one.patient and one.data_cost > most) or one.promises_no_less_than(most))
     for kind in set(kinds):
         rivals = [d for d, other in zip(running, kinds, strict=True) if other == kind]
         if len(rivals) > 1:
@@ -257,7 +257,7 @@ class _Descent:
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
         self.normal: _Normal | None = None
         self.since = self.stalled = 0
-        self.promised = self.decrement = 0.0
+        self.promised = self.decrement = self.foreseen = 0.0
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
@@ -278,8 +278,8 @@ class _Descent:
         return self.freedom == 0.0 and self.since >= self.manner.patience
 
     def promises_no_less_than(self, cost: float) -> bool:
-        """Whether even a step without damping promises no cost below one: near balance it promises too much, as a rule."""
-        return self.settled and self.since >= self.manner.promising and self.data_cost - self.decrement > cost
+        """Whether even a step without damping promises no cost of the data below one: near balance it promises too much, as a rule."""
+        return self.settled and self.since >= self.manner.promising and self.foreseen > cost
 
     def give_up(self, hopeless: bool) -> None:
         """End it where it stands."""
@@ -393,12 +393,14 @@ class _Descent:
         unknowns, step = point.unknowns.copy(), np.zeros(len(free))
         gradient = self.normal.gradient + self.prior.weight * unknowns[free]
         hessian = self.normal.hessian + np.diag(self.prior.weight + self._bent(unknowns[free]))
-        decrement = 0.0
+        decrement, self.foreseen = 0.0, self.normal.cost
         if len(free):
             scale = 1.0 / np.sqrt(np.diag(hessian))
             scaled = hessian * scale[:, None] * scale[None]
             downhill = scale * gradient
-            decrement = 0.5 * float(downhill @ np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill))
+            full = -scale * np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill)
+            decrement = -0.5 * float(gradient @ full)
+            self.foreseen = float(self.normal.cost + self.normal.gradient @ full + 0.5 * full @ self.normal.hessian @ full)
             step = -scale * np.linalg.solve(scaled + self.damping * np.eye(len(free)), downhill)
             self.promised = float(-gradient @ step - 0.5 * step @ hessian @ step)
         unknowns[free] += step

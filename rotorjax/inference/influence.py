@@ -11,7 +11,7 @@ from rotorjax.inference.prior import Prior
 from rotorjax.inference.squares import squares_of
 
 CLEAR = 1.0
-"""Log evidence to first order by which one fit must be ahead of another for neither to be made."""
+"""Log evidence to first order by which one fit must be behind another not to be made."""
 
 
 def influenced(
