@@ -1,7 +1,8 @@
-"""Every test runs in double precision, with shapes checked, rank promotion refused and warnings as errors."""
+"""Every test runs in double precision, with rank promotion refused and warnings as errors; shapes are checked but where explanations run in series."""
 
 import os
 
+import jaxtyping
 from jaxtyping import install_import_hook
 
 install_import_hook("rotorjax", "beartype.beartype")
@@ -24,6 +25,15 @@ def pytest_configure(config):
     """What one process compiles serves the others, those that tests start, and the next run."""
     folder = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.rootpath / ".pytest_cache" / "compiled"))
     jax.config.update("jax_compilation_cache_dir", folder)
+
+
+SERIES = ("crosscode", "measured", "recovery")
+"""Folders whose tests run code over and over that the others run with shapes checked: the checks took a third of their time."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def shapes_checked(request):
+    jaxtyping.config.update("jaxtyping_disable", request.path.parent.name in SERIES)
 
 
 @pytest.fixture(autouse=True)

@@ -261,7 +261,7 @@ def _rounds(stage: Stage, own: list[Start] | None = None, ahead: _Ahead | None =
 
 
 def _likeliest(rounds: "list[Round]") -> "Round":
-    return min(rounds, key=lambda one: (one.misfit > 0.0, one.minus_log_posterior))
+    return min(rounds, key=lambda one: (not math.isfinite(one.best.cost), one.misfit > 0.0, one.minus_log_posterior))
 
 
 class Round(NamedTuple):
@@ -292,7 +292,7 @@ def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float
     """Rounds until the allowance equals the misfit found. **Arguments:** ``hopeless``: cost with which the first of them does not go on."""
     now = _round(stage, allowance, starts, stage.space.model, hopeless)
     for _ in range(MISFIT_ROUNDS - 1):
-        if now.settled:
+        if now.settled or not math.isfinite(now.best.cost):
             break
         now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(first_cost=now.first_cost)
     return now

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from rotorjax.discovery.race import Contest, Effects, Known, contender_of
-from rotorjax.discovery.search import NOTHING, PRICE, WORTH_TRYING, Selection
+from rotorjax.discovery.race import WORTH_TRYING, Contest, Effects, Known, anew, contender_of
+from rotorjax.discovery.search import NOTHING, PRICE, Selection
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.data import make_folds, residual_vectors
 from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
@@ -70,7 +70,7 @@ class _Folds:
     """
 
     def __init__(self, contest: Contest, known: Known, answer: Effects, noise: Noise, folds: Bool[np.ndarray, "fold case"]) -> None:
-        self.contest, self.known, self.noise, self.folds = contest, known, noise, folds
+        self.contest, self.known, self.noise, self.folds = contest, dict(known), noise, folds
         self.data = contest.data(noise, known[answer].best.point)
         self.rests = [dataclasses.replace(contest, training=~left_out) for left_out in folds]
         self.whole: dict[Effects, list[End]] = {}
@@ -87,12 +87,16 @@ class _Folds:
         return [choice(self._scores(fold, sets)) for fold, sets in enumerate(wanted)]
 
     def _on_all(self, sets: Iterable[Effects]) -> None:
-        """Fit sets of effects to all data, and take each fold out of them to first order."""
-        tasks = [(effects, start) for effects in sets if effects not in self.whole for start in self._starts(effects)]
+        """All data's fits of sets of effects, to first order where they were made under another noise; and each fold taken out of them so."""
+        new = [effects for effects in sets if effects not in self.whole]
+        again = {e for e in new if e not in self.known or not self.known[e].fitted}
+        again.update(anew(self.contest, self.noise, [e for e in new if e not in again], self.known, lambda _: False))
+        self.whole.update({e: list(self.known[e].ends[:2]) for e in new if e not in again})
+        tasks = [(effects, start) for effects in new if effects in again for start in self._starts(effects)]
         ends = self._descended([(effects, start, self.contest.training) for effects, start in tasks])
         for (effects, _), end in zip(tasks, ends, strict=True):
             self.whole.setdefault(effects, []).append(end)
-        for effects in dict.fromkeys(effects for effects, _ in tasks):
+        for effects in new:
             for fold, rest in enumerate(self.rests):
                 every = [influenced(self.data, end, rest.training) for end in self.whole[effects]]
                 self.first[fold][effects] = best_of(every)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import NamedTuple, get_args
 
@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from rotorjax._core import CONVERGED
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
-from rotorjax.inference.descent import HOPELESS, QUICK, End, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.descent import HOPELESS, QUICK, End, Local, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.measurement import Measurement
@@ -29,6 +31,8 @@ NOISE_CHANGE = 0.05
 """Relative change of the noise below which it stands."""
 NOISE_FALL = 0.5
 """What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
+WORTH_TRYING = 40.0
+"""Log evidence behind the best on all data up to which an effect may win beside others, or on a part of the data."""
 NONE_ODDS = 0.5
 """Prior probability that nothing is missing; the rest is shared by family, then by member."""
 
@@ -49,6 +53,11 @@ class Contender(NamedTuple):
     def best(self) -> End:
         """The best optimum."""
         return self.ends[0]
+
+    @property
+    def fitted(self) -> bool:
+        """Whether it has an optimum whose motions balance, and evidence."""
+        return math.isfinite(self.log_evidence)
 
     def led_by(self, end: End, noise: Noise) -> "Contender":
         """The same, its evidence too, with another end in the place of the best, fitted under some noise."""
@@ -178,15 +187,20 @@ Known = dict[Effects, Contender]
 def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, *, also: Known | None = None, afresh: bool = False) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
-    The influence of what scatters between runs is taken at the most probable that is known.
-    **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further starts; ``afresh``: begin at the
+    The influence of what scatters between runs is taken at the most probable that is known. What was fitted under this very noise is not
+    fitted again. **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further starts; ``afresh``: begin at the
     parameters known with motions as measured, too: those that balanced where much was allowed for misfit may lie beyond a wall.
     """
+    found: Known = {}
     wanted = list(dict.fromkeys(hypotheses))
+    for effects in [] if afresh else [e for e in wanted if e in known and known[e].fitted and known[e].noise == noise]:
+        if not (also and effects in also and effects & contest.timed):
+            found[effects] = contender_of(contest, effects, list(known[effects].ends), noise)
+            wanted.remove(effects)
     if not wanted:
-        return {}
+        return found
     reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
-    data, found = contest.data(noise, reference), {}
+    data = contest.data(noise, reference)
     # The smaller sets first: the larger ones begin where those ended.
     for size in sorted({len(effects) for effects in wanted}):
         level = [effects for effects in wanted if len(effects) == size]
@@ -237,6 +251,8 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
 def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noise) -> Contender:
     """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else none.
 
+    Beside the lowest only those count that are at their end: of one given up on the way nobody knows where it leads.
+
     Laplace: -cost - ½ log det H, H in units of the priors. Where the noise is a misfit of unknown size it is marginalised (Jeffreys
     prior): -(n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
@@ -245,10 +261,36 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
     if not distinct:
         return Contender(effects, (best_of(ends),), -math.inf, noise)
     terms = []
-    for end in distinct:
+    for end in [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]:
         cost = end.cost if numbers is None else 0.5 * numbers * math.log(max(2.0 * end.cost / numbers, 1e-300))
         terms.append(-cost - 0.5 * float(np.linalg.slogdet(end.curvature)[1]))
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
+
+
+def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -> Contender:
+    """A contender under another noise to first order about where it was fitted. **Arguments:** ``data`` in units of that noise."""
+    if not contender.fitted or contender.noise == noise:
+        return contender
+    old = contest.measurement.weights(contender.noise.allowance)
+    ratio = np.divide(data.weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
+    ends = [end._replace(local=Local(end.local.error * ratio, end.local.slopes * ratio[..., None])) for end in contender.ends]
+    return contender_of(contest, contender.effects, [influenced(data, end, contest.training) for end in ends], noise)
+
+
+def anew(contest: Contest, noise: Noise, sets: Iterable[Effects], found: Known, near: Callable[[Contender], bool]) -> list[Effects]:
+    """Those of some sets that are to be fitted again under another noise: as what they are to first order is ``near``.
+
+    The others are ``found`` to first order from then on. So is none whose noise was much larger.
+    """
+    data = contest.data(noise, max(found.values(), key=lambda c: c.log_evidence).best.point)
+    again = []
+    for effects in sets:
+        there = foreseen(contest, data, found[effects], noise)
+        if near(there) or _falls(noise, found[effects].noise):
+            again.append(effects)
+        else:
+            found[effects] = there
+    return again
 
 
 class Race(NamedTuple):
@@ -285,7 +327,11 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         if _same(quiet, noise):
             break
         # What was hopeless under more noise stays so under less.
-        found.update(race(contest, quiet, _near(found, wanted), found, afresh=_falls(quiet, noise)))
+        near = _near(found, wanted)
+        if not _falls(quiet, noise):
+            least = found[leader].log_evidence - WORTH_TRYING - CLEAR
+            near = anew(contest, quiet, near, found, lambda there, least=least: there.log_evidence > least)
+        found.update(race(contest, quiet, near, found, afresh=_falls(quiet, noise)))
         noise = quiet
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))

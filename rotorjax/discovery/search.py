@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.discovery.race import Contender, Contest, Effects, Known, Race, misfit_left, settle, with_floor
+from rotorjax.discovery.race import WORTH_TRYING, Contender, Contest, Effects, Known, Race, misfit_left, settle, with_floor
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.measurement import Measurement
@@ -18,8 +18,6 @@ PRICE = math.log((1.0 - DETECTED) / DETECTED)
 """The same in log odds."""
 PAIRED = 8
 """Best effects of a race of which all pairs are tried."""
-WORTH_TRYING = 40.0
-"""Log evidence behind the best on all data up to which an effect may win beside others, or on a part of the data."""
 WIDE = 0.1
 """Misfit that the search begins with, in the size of what was measured."""
 MOST_SMALL = 3

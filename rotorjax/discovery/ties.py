@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax._core import numpy_pair
-from rotorjax.discovery.race import Contender, Contest, Effects, Known, contender_of, race
+from rotorjax.discovery.race import Contender, Contest, Effects, Known, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
 from rotorjax.inference.data import Data, half_order_sign
@@ -83,12 +83,9 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     found = race(contest, noise, [answer], selection.known)
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
-    every = list(itertools.chain(*swaps.values()))
-    open_still = [h for h in every if h not in selection.known or _near(contest, h, _at_best(contest, selection.known[h], winner), winner)]
-    found.update({h: selection.known[h] for h in every if h in selection.known})
-    found.update(race(contest, noise, [answer, *open_still], {**selection.known, **found}))
+    _fit_where_open(contest, selection, noise, list(itertools.chain(*swaps.values())), found, winner)
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
-    found.update(race(contest, noise, [answer, *(h for h in wider if h not in found)], {**selection.known, **found}))
+    _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
     leads = _leads_elsewhere(contest, noise, winner, others)
     tied, contains = [], []
@@ -102,6 +99,14 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner, found)
+
+
+def _fit_where_open(contest: Contest, selection: Selection, noise: Noise, sets: list[Effects], found: Known, winner: Contender) -> None:
+    """Fit sets under the noise of the winner; of those that the search fitted under another only what may do as well, to first order."""
+    found.update({h: selection.known[h] for h in sets if h in selection.known})
+    near = [h for h in sets if h in found and _near(contest, h, _at_best(contest, found[h], winner), winner)]
+    again = anew(contest, noise, near, found, lambda there: _at_best(contest, there, winner) > winner.log_evidence - NEAR - CLEAR)
+    found.update(race(contest, noise, [*again, *(h for h in sets if h not in found)], {**selection.known, **found}))
 
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:

@@ -31,7 +31,7 @@ from rotorjax.steady import Ready, answer, positions, without_timed
 
 LINEAR_CHUNK, BALANCED_CHUNK = 64, 16
 """Rows evaluated together: few of the costly ones, as the last chunk is filled up."""
-COLUMNS = 8
+COLUMNS = 12
 """Unknowns by which slopes are taken in one go."""
 
 
