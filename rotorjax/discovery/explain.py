@@ -41,7 +41,7 @@ POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
 Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
 
 
-LINEARISATIONS = 1_000_000
+LINEARISATIONS = 600_000
 """Single cases that an explanation may linearise."""
 
 

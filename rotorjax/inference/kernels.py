@@ -22,6 +22,7 @@ from jaxtyping import Complex, Float, Int
 from rotorjax._core import numpy_pair
 from rotorjax._planar import Matrix, Vector
 from rotorjax.harmonic import Grid, make_grid
+from rotorjax.inference.kept_programs import kept_program
 from rotorjax.model import Conditions, Layout
 from rotorjax.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.response import linear_vectors
@@ -92,7 +93,9 @@ class Kernels:
         self.grid: Grid = make_grid(space.model.layout.orders)
         # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
         self._leaves, structure = jax.tree.flatten(_nameless(space))
-        self._linear, self._balanced, self._refined = (_compiled(kernel, structure) for kernel in (_linear, _balanced, _refined))
+        shapes = tuple(np.shape(leaf) for leaf in self._leaves)
+        own = all(type(part).__module__.startswith("rotorjax.") for part in (space.model.rotor, *space.model.effects))
+        self._linear, self._balanced, self._refined = (_compiled(kernel, structure, shapes, own) for kernel in (_linear, _balanced, _refined))
 
     @property
     def coefficients(self) -> int:
@@ -142,7 +145,7 @@ class Kernels:
         firsts, parts = range(0, count, size), []
         if not kernel.warm:
             # The first by itself: it may have to be compiled.
-            parts, firsts, kernel.warm = [chunk(0)], firsts[1:], True
+            parts, firsts = [chunk(0)], firsts[1:]
         parts += side_by_side(chunk, firsts) if firsts else []
         return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
 
@@ -178,18 +181,32 @@ def _add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficie
 class _Compiled:
     """A kernel that takes the leaves of a space."""
 
-    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any) -> None:
-        self.warm = False
+    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, own: bool) -> None:
+        self._kernel, self._structure, self._own = kernel, structure, own
+        self._call: Callable[..., tuple[Array, ...]] | None = None
+
+    @property
+    def warm(self) -> bool:
         """Whether it was called before."""
-        self._call = jax.jit(lambda leaves, *rows: kernel(jax.tree.unflatten(structure, leaves), *rows))
+        return self._call is not None
 
     def __call__(self, leaves: list[Array], *rows: np.ndarray) -> tuple[Array, ...]:
+        if self._call is None:
+            self._call = self._program(leaves, *rows)
         return self._call(leaves, *rows)
+
+    def _program(self, leaves: list[Array], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
+        def kernel(leaves: list[Array], *rows: Array) -> tuple[Array, ...]:
+            return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
+
+        # What a class of somebody else does is not said by its name.
+        return kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows)) if self._own else jax.jit(kernel)
 
 
 @functools.lru_cache
-def _compiled(kernel: Callable[..., tuple[Array, ...]], structure: Any) -> _Compiled:
-    return _Compiled(kernel, structure)
+def _compiled(kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], own: bool) -> _Compiled:
+    del shapes  # a program for each
+    return _Compiled(kernel, structure, own=own)
 
 
 def _nameless(space: Space) -> Space:
