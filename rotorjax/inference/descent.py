@@ -45,8 +45,6 @@ class Manner(NamedTuple):
     """What is left of that freedom after every step that lowers the cost."""
     firm: float = 0.1
     """Freedom in the vectors, in standard errors, from which on there is none."""
-    lenient: float = 0.05
-    """Relative rise of the cost that does not count while motions do not balance."""
     tight: float = 0.1
     """Standard errors by which the reading of a motion without freedom may be off balance before it is moved towards it."""
     largest_step: float = 1.0
@@ -313,7 +311,7 @@ class _Descent:
         if taken:
             self._firmer()
         self.decrement = self._propose()
-        limit = self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost
+        limit = self._limit()
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
         fallen = taken and not first and fall <= limit and self.damping < 1e-2
@@ -339,15 +337,14 @@ class _Descent:
         normal = _Normal(self.lin, there, self.task, self.freedom)
         prior = prior_at(there.point.unknowns[self.task.free], self.parts)
         cost = normal.cost + prior.cost
-        if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
+        if not math.isfinite(cost) or not (first or cost <= self.cost + self._limit()):
             return False
         self.here, self.normal, self.prior, self.cost = there, normal, prior, cost
         return True
 
-    def _slack(self) -> float:
-        """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
-        limit = self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost
-        return float(limit if self.settled else limit + self.manner.lenient * self.cost)
+    def _limit(self) -> float:
+        """Change of the cost that counts as none."""
+        return float(self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost)
 
     def _firmer(self) -> None:
         """Less freedom of the motions, and the cost as it is then."""

@@ -47,6 +47,7 @@ def test_every_effect_is_found_on_its_sufficient_plan(name):
     assert last.reduced_chi2 == pytest.approx(1.0, abs=0.7)
 
 
+@pytest.mark.campaign
 def test_friction_of_ten_prior_scales_is_found():
     """Near the measured motion none was found, and what was laid along it left 22 times the noise."""
     model, measurement, (true,) = hidden_forces.sufficient(effects.CoulombFriction, seed=8, factor=10.0)
@@ -277,7 +278,7 @@ def test_limit_on_the_number_of_effects_is_kept_and_named():
     plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.unique(np.asarray(measurement.conditions.speed))))
     z = hidden.measure(hidden.Machine(), plan, {"time_delay": [delay], "gyroscopic": [0.03]}, np.random.default_rng(5))
     for most in (0, 1):
-        found = explain(model, dataclasses.replace(measurement, vectors=z), max_effects=most)
+        found = explain(model, dataclasses.replace(measurement, vectors=z), max_effects=most, thorough=False)
         assert len(found.effects) == most
         assert f"no more than {most} effects were to be added, and" in sentence(found)
 

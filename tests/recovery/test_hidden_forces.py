@@ -123,6 +123,7 @@ def test_a_force_that_leaves_little_of_the_motion_is_not_lost_in_a_stack_of_line
     assert frozenset(hidden_effects) in named
 
 
+@pytest.mark.campaign
 def test_a_force_is_not_excluded_by_its_size_alone():
     """One run: a stop does what a cubic spring of seven prior scales does, which is the truth. Both are said, and what would decide."""
     hidden = drawn_effects.draw(300)

@@ -97,6 +97,7 @@ def test_what_does_hardly_worse_is_said():
     assert found.enough
 
 
+@pytest.mark.campaign
 def test_a_gap_that_has_to_be_fitted_does_not_exclude_a_rival():
     """Without order 0 the square of y fits a little better than the dead band that is there, and has one parameter less."""
     drawn = draw(721)
@@ -114,6 +115,7 @@ def test_one_named_effect_that_a_term_beats():
     assert [t.term for t in found.named_force.terms] == [term]
 
 
+@pytest.mark.campaign
 def test_dry_friction_that_nearly_holds_the_rotor_is_fitted():
     """No motion is found near the measured one, as friction magnifies its noise: it has to be searched for."""
     drawn = draw(317)
