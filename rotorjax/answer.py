@@ -226,7 +226,7 @@ def notes(found: Explanation) -> list[str]:
             "than that ([model] tolerance), it is explained."
         )
     lines += _orders_lacking(found)
-    lines += [f"Detected, but too small to matter, and not added: {small.effect} ({small.why})." for small in found.detected_but_small]
+    lines += [f"Detected, but not added: {small.effect} ({small.why})." for small in found.detected_but_small]
     return lines + findings(found.story)
 
 

@@ -168,7 +168,14 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
 
 
 def _told(contest: Contest, most: int, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race]) -> Selection:
-    """The story of a set: its effects in the order in which each next one brings the most, with the race at every step."""
+    """The story of a set: its effects in the order in which each next one brings the most, with the race at every step.
+
+    What was too small to matter beside less, and matters now, is one of them, as long as there are no more than the ``most``.
+    """
+    whole = table[present | small]
+    for name in sorted(small):
+        if len(present) < most and matters(contest, whole, name, whole.noise):
+            present, small = present | {name}, small - {name}
     order: list[str] = []
     races: list[Race] = []
     noise = _wide(contest)

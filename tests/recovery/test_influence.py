@@ -9,7 +9,7 @@ import pytest
 from rotorjax import effects
 from rotorjax.discovery.held_out import held_out
 from rotorjax.discovery.race import make_contest, misfit_left
-from rotorjax.discovery.search import select
+from rotorjax.discovery.search import retold, select
 from rotorjax.discovery.ties import find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import make_folds
@@ -61,3 +61,10 @@ def test_held_out_error_and_ties_are_those_of_every_fit_made(selection, monkeypa
     assert tied == tied_dear
     np.testing.assert_allclose(held, held_dear, rtol=1e-3)
     assert took < 0.7 * took_dear
+
+
+@pytest.mark.parametrize(("most", "effects", "small"), [(3, ("cross_coupling",), ()), (0, (), ("cross_coupling",))])
+def test_what_was_small_and_matters_in_the_end_is_a_step_of_its_own(selection, most, effects, small):
+    """Beside fewer effects it may have been too small; where no more are to be added it is at least not called small."""
+    again = retold(selection._replace(effects=(), small=("cross_coupling",), most=most), selection.present, {})
+    assert (again.effects, again.small) == (effects, small)
