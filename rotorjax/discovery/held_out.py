@@ -89,7 +89,7 @@ class _Folds:
     def _on_all(self, sets: Iterable[Effects]) -> None:
         """All data's fits of sets of effects, to first order where they were made under another noise; and each fold taken out of them so."""
         new = [effects for effects in sets if effects not in self.whole]
-        again = {e for e in new if e not in self.known or not self.known[e].fitted}
+        again = {e for e in new if e not in self.known or not self.known[e].balanced}
         again.update(anew(self.contest, self.noise, [e for e in new if e not in again], self.known, lambda _: False))
         self.whole.update({e: list(self.known[e].ends[:2]) for e in new if e not in again})
         tasks = [(effects, start) for effects in new if effects in again for start in self._starts(effects)]

@@ -48,6 +48,8 @@ class Contender(NamedTuple):
     log_evidence: float
     noise: Noise
     """Under which it was fitted: log evidence is compared under the same noise, or nearly the same."""
+    foreseen: bool = False
+    """Whether it is known to first order only under this noise, fitted under another."""
 
     @property
     def best(self) -> End:
@@ -55,9 +57,13 @@ class Contender(NamedTuple):
         return self.ends[0]
 
     @property
-    def fitted(self) -> bool:
+    def balanced(self) -> bool:
         """Whether it has an optimum whose motions balance, and evidence."""
         return math.isfinite(self.log_evidence)
+
+    def fitted_under(self, noise: Noise) -> bool:
+        """Whether there is nothing to be fitted under this noise."""
+        return self.balanced and not self.foreseen and self.noise == noise
 
     def led_by(self, end: End, noise: Noise) -> "Contender":
         """The same, its evidence too, with another end in the place of the best, fitted under some noise."""
@@ -193,7 +199,7 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     """
     found: Known = {}
     wanted = list(dict.fromkeys(hypotheses))
-    for effects in [] if afresh else [e for e in wanted if e in known and known[e].fitted and known[e].noise == noise]:
+    for effects in [] if afresh else [e for e in wanted if e in known and known[e].fitted_under(noise)]:
         if not (also and effects in also and effects & contest.timed):
             found[effects] = contender_of(contest, effects, list(known[effects].ends), noise)
             wanted.remove(effects)
@@ -269,12 +275,12 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
 
 def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -> Contender:
     """A contender under another noise to first order about where it was fitted. **Arguments:** ``data`` in units of that noise."""
-    if not contender.fitted or contender.noise == noise:
+    if not contender.balanced or contender.noise == noise:
         return contender
     old = contest.measurement.weights(contender.noise.allowance)
     ratio = np.divide(data.weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
     ends = [end._replace(local=Local(end.local.error * ratio, end.local.slopes * ratio[..., None])) for end in contender.ends]
-    return contender_of(contest, contender.effects, [influenced(data, end, contest.training) for end in ends], noise)
+    return contender_of(contest, contender.effects, [influenced(data, end, contest.training) for end in ends], noise)._replace(foreseen=True)
 
 
 def anew(contest: Contest, noise: Noise, sets: Iterable[Effects], found: Known, near: Callable[[Contender], bool]) -> list[Effects]:

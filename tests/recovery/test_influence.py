@@ -8,7 +8,7 @@ import pytest
 
 from rotorjax import effects
 from rotorjax.discovery.held_out import held_out
-from rotorjax.discovery.race import make_contest, misfit_left
+from rotorjax.discovery.race import foreseen, make_contest, misfit_left, race
 from rotorjax.discovery.search import retold, select
 from rotorjax.discovery.ties import find_ties
 from rotorjax.effects import CATALOG
@@ -68,3 +68,16 @@ def test_what_was_small_and_matters_in_the_end_is_a_step_of_its_own(selection, m
     """Beside fewer effects it may have been too small; where no more are to be added it is at least not called small."""
     again = retold(selection._replace(effects=(), small=("cross_coupling",), most=most), selection.present, {})
     assert (again.effects, again.small) == (effects, small)
+
+
+def test_a_fit_under_another_noise_is_foreseen_and_made_where_it_is_wanted(selection):
+    contest, own = selection.contest, selection.known[selection.present]
+    noise = own.noise._replace(allowance=own.noise.allowance + 0.2e-6)
+    there = foreseen(contest, contest.data(noise, own.best.point), own, noise)
+    assert not there.fitted_under(noise)
+    again = race(contest, noise, [own.effects], {own.effects: there})[own.effects]
+    assert again.fitted_under(noise)
+    assert there.log_evidence == pytest.approx(again.log_evidence, abs=0.05)
+    before = contest.budget.spent
+    race(contest, noise, [own.effects], {own.effects: again})
+    assert contest.budget.spent == before, "nothing is fitted twice"
