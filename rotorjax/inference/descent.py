@@ -45,6 +45,8 @@ class Manner(NamedTuple):
     """What is left of that freedom after every step that lowers the cost."""
     firm: float = 0.1
     """Freedom in the vectors, in standard errors, from which on there is none."""
+    lenient: float = 0.02
+    """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
     tight: float = 0.1
     """Standard errors by which the reading of a motion without freedom may be off balance before it is moved towards it."""
     largest_step: float = 1.0
@@ -337,10 +339,14 @@ class _Descent:
         normal = _Normal(self.lin, there, self.task, self.freedom)
         prior = prior_at(there.point.unknowns[self.task.free], self.parts)
         cost = normal.cost + prior.cost
-        if not math.isfinite(cost) or not (first or cost <= self.cost + self._limit()):
+        if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
             return False
         self.here, self.normal, self.prior, self.cost = there, normal, prior, cost
         return True
+
+    def _slack(self) -> float:
+        """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
+        return self._limit() if self.settled else self._limit() + self.manner.lenient * self.cost
 
     def _limit(self) -> float:
         """Change of the cost that counts as none."""
