@@ -4,18 +4,20 @@ What is kept is JAX's own portable form (`jax.export`), no pickle. Its name says
 versions of what they stand on, the structure and the shapes. Where JAX keeps nothing, or a class is not this package's own, nothing is kept.
 """
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
-import os
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
 from jax import export
+
+from rotorjax.errors import InputError
+from rotorjax.io.files import write_whole
 
 FOLDER = "traced"
 """Within JAX's compilation cache."""
@@ -65,10 +67,6 @@ def _read(file: Path) -> bytes | None:
 
 def _write(file: Path, content: bytes) -> None:
     """All of it or nothing; a folder that cannot be written to keeps nothing."""
-    try:
+    with contextlib.suppress(OSError, InputError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
-            part.write(hashlib.sha256(content).digest() + content)
-        os.replace(part.name, file)
-    except OSError:
-        return
+        write_whole(file, hashlib.sha256(content).digest() + content)

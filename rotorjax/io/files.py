@@ -1,4 +1,4 @@
-"""Text files read with a clear refusal, and written whole or not at all."""
+"""Text files read with a clear refusal; files written whole or not at all."""
 
 import os
 import tempfile
@@ -28,8 +28,8 @@ def read_text(path: Path) -> str:
     return text
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file through a temporary one beside it, so that a failure leaves what was there.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there.
 
     **Errors.** `InputError` if the folder is missing or cannot be written to.
     """
@@ -38,8 +38,8 @@ def write_whole(path: Path, text: str) -> None:
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose a folder that exists") from error
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:
