@@ -330,7 +330,7 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
         change = change_by(contest, contender, name)
         noise = noise_size(contest.measurement, selection.races[-1].noise if contest.measurement.sigma is None else contest.floor)
         # Found small beside fewer effects, it need not be so in the end.
-        beside = "less than the noise of" if change <= noise else "where no more effects were to be added; the noise is"
+        beside = "less than the noise of" if change <= noise else "against a noise of"
         found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {beside} {noise / MICROMETRE:.2g} µm"))
     return tuple(found)
 

@@ -197,12 +197,11 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     fitted again. **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further starts; ``afresh``: begin at the
     parameters known with motions as measured, too: those that balanced where much was allowed for misfit may lie beyond a wall.
     """
-    found: Known = {}
-    wanted = list(dict.fromkeys(hypotheses))
-    for effects in [] if afresh else [e for e in wanted if e in known and known[e].fitted_under(noise)]:
-        if not (also and effects in also and effects & contest.timed):
-            found[effects] = contender_of(contest, effects, list(known[effects].ends), noise)
-            wanted.remove(effects)
+    further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.timed}
+    every = list(dict.fromkeys(hypotheses))
+    stands = [] if afresh else [e for e in every if e in known and known[e].fitted_under(noise) and e not in further]
+    found = {effects: contender_of(contest, effects, list(known[effects].ends), noise) for effects in stands}
+    wanted = [effects for effects in every if effects not in found]
     if not wanted:
         return found
     reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
@@ -210,18 +209,19 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     # The smaller sets first: the larger ones begin where those ended.
     for size in sorted({len(effects) for effects in wanted}):
         level = [effects for effects in wanted if len(effects) == size]
-        for effects, ends in _fitted(contest, data, level, {**known, **found}, also or {}, afresh=afresh).items():
+        for effects, ends in _fitted(contest, data, level, {**known, **found}, further, afresh=afresh).items():
             found[effects] = contender_of(contest, effects, ends, noise)
     return found
 
 
-def _fitted(contest: Contest, data: Data, wanted: list[Effects], known: Known, also: Known, *, afresh: bool) -> dict[Effects, list[End]]:
-    """Ends of all descents of each set."""
+def _fitted(
+    contest: Contest, data: Data, wanted: list[Effects], known: Known, further: Mapping[Effects, tuple[End, ...]], *, afresh: bool
+) -> dict[Effects, list[End]]:
+    """Ends of all descents of each set. **Arguments:** ``further``: where to begin, too."""
     starts, masks, owner = [], [], []
     for effects in wanted:
         mask = contest.free(effects)
-        further = [Start.at(end) for end in also[effects].ends] if effects in also and effects & contest.timed else []
-        for start in (*_starts(contest, effects, mask, known, afresh=afresh), *further):
+        for start in (*_starts(contest, effects, mask, known, afresh=afresh), *map(Start.at, further.get(effects, ()))):
             starts.append(start)
             masks.append(mask)
             owner.append(effects)
