@@ -147,7 +147,8 @@ def descend(  # noqa: PLR0913
 
     Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
     it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
-    that. A trial whose numbers overflow is not taken. ``hopeless``: cost with which a descent does not go on. **Returns** one `End` per start.
+    that. A trial whose numbers overflow is not taken. Where no descent of a fit comes to motions that balance, one that began with known
+    motions begins again, where it ended, with motions as measured. ``hopeless``: cost with which a descent does not go on. **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
@@ -168,7 +169,25 @@ def descend(  # noqa: PLR0913
             one.advance(there)
         if shift is None:
             _give_up(running, kinds, manner, hopeless)
-    return [d.end() for d in running]
+    ends = [d.end() for d in running]
+    lost = _lost(ends, known, kinds) if shift is None and not budget.exhausted else []
+    if lost:
+        anew = [Start(ends[k].point) for k in lost]
+        again = descend(space, data, anew, free[lost], np.asarray(training)[lost], budget=budget, kept=kept, manner=manner, hopeless=hopeless)
+        for k, end in zip(lost, again, strict=True):
+            ends[k] = best_of([end, ends[k]])
+    return ends
+
+
+def _lost(ends: list[End], known: list[bool], kinds: list[tuple[bytes, bytes]]) -> list[int]:
+    """Of each fit in which no descent ends with motions that balance the lowest that began with known ones: those may have led it astray."""
+    lost = []
+    for kind in dict.fromkeys(kinds):
+        own = [k for k, other in enumerate(kinds) if other == kind]
+        began = [k for k in own if known[k] and math.isfinite(ends[k].cost)]
+        if began and not any(ends[k].exact for k in own):
+            lost.append(min(began, key=lambda k: ends[k].cost))
+    return lost
 
 
 def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> list[Linearised]:
@@ -336,7 +355,11 @@ class _Descent:
         """Go on from a trial, if it is better."""
         if not there.finite:
             return False
-        normal = _Normal(self.lin, there, self.task, self.freedom)
+        try:
+            normal = _Normal(self.lin, there, self.task, self.freedom)
+        except np.linalg.LinAlgError:
+            # Motions that answer a force without bound.
+            return False
         prior = prior_at(there.point.unknowns[self.task.free], self.parts)
         cost = normal.cost + prior.cost
         if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
