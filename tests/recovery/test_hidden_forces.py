@@ -157,3 +157,13 @@ def test_orders_that_were_not_measured_are_named():
         assert any("crack is told by 2X too" in line for line in notes(found))
     else:
         assert found.verdict == "unexplained"
+
+
+@pytest.mark.campaign
+def test_what_is_beside_friction_is_not_lost_with_its_motion():
+    """From the motion under friction alone no descent of the truth balanced: friction and a chain gain were said to explain it all."""
+    hidden = drawn_effects.draw(1031)
+    assert hidden.effects == ("coulomb_friction", "probe_gain")
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    named = {frozenset(found.effects), *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied)}
+    assert frozenset(hidden.effects) in named

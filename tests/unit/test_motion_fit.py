@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Model, effects, response
-from rotorjax._core import real_pair
+from rotorjax._core import NOT_FINITE, real_pair
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.race import make_contest, race
 from rotorjax.effects import CATALOG
-from rotorjax.inference import linearised
+from rotorjax.inference import descent, linearised
 from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import QUICK, THOROUGH, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
@@ -197,3 +197,38 @@ def test_equations_without_a_solution_take_none_from_the_others():
     found = linearised._solved(np.stack([good, singular, lost]), np.tile(np.eye(2), (3, 1, 1)))
     np.testing.assert_allclose(found[0] @ good, np.eye(2))
     assert np.all(np.isnan(found[1:]))
+
+
+def test_a_fit_that_known_motions_led_astray_begins_again_with_those_measured(spring, monkeypatch):
+    _, measurement, space, data, true = spring
+    free, every = space.free(["duffing"]), np.ones((1, len(measurement.run)), bool)
+    lin = Linearisation(space, data, Budget())
+    far = 1e-2 * np.random.default_rng(0).standard_normal((*lin.speeds.shape, 2, lin.kernels.wide))
+    start = Start(unknowns_at(space, duffing__cubic_n_per_m3=true), far)
+
+    def ended():
+        return descend(space, data, [start], free, every, budget=Budget(), manner=QUICK)[0]
+
+    found = ended()
+    assert found.exact
+    assert found.cost == pytest.approx(descend(space, data, [Start(start.point)], free, every, budget=Budget(), manner=QUICK)[0].cost, abs=0.1)
+    monkeypatch.setattr(descent, "_lost", lambda *_: [])
+    assert not ended().exact, "these motions do lead astray"
+
+
+def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring, monkeypatch):
+    _, measurement, space, data, true = spring
+    free, every = space.free(["duffing"]), np.ones((1, len(measurement.run)), bool)
+    whole = Linearisation.at
+
+    def unbounded(self, points, free):
+        return [
+            one if one.freedom is None else one._replace(freedom=one.freedom._replace(reach=np.full_like(one.freedom.reach, 1e20)))
+            for one in whole(self, points, free)
+        ]
+
+    monkeypatch.setattr(Linearisation, "at", unbounded)
+    monkeypatch.setattr(descent, "first_motions", lambda lin, points: [np.zeros((*lin.speeds.shape, 2, lin.kernels.wide)) for _ in points])
+    (end,) = descend(space, data, [Start(unknowns_at(space, duffing__cubic_n_per_m3=true))], free, every, budget=Budget(), manner=QUICK)
+    assert end.result == NOT_FINITE
+    assert not end.exact
