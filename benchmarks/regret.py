@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
 
-import equinox as eqx
 import jax
 import numpy as np
 import tabulate
@@ -36,15 +35,15 @@ from rotorjax import Measurement, Model, RestoringEffect, effects
 from rotorjax.discovery.race import Contest, Effects, make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
-from rotorjax.harmonic import NEWTON_STEPS
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import QUICK, THOROUGH, End, Manner, Start, best_of, descend, starts_at
-from rotorjax.inference.kernels import Kernels
-from rotorjax.inference.linearised import Budget
+from rotorjax.inference.linearised import Budget, Linearisation
+from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise
+from rotorjax.inference.prediction import predict
 from rotorjax.io.files import write_whole
-from rotorjax.response import motions_of, searched_motions, vectors_from
 from rotorjax.space import Space
+from rotorjax.steady import timed_vectors
 
 import drawn_effects
 import drawn_forces
@@ -96,12 +95,14 @@ def from_declared(contest: Contest, noise: Noise, hypothesis: Effects) -> Reache
 
 def from_truth(contest: Contest, noise: Noise, hypothesis: Effects, point: np.ndarray) -> tuple[Reached, list[np.ndarray]]:
     """From the truth, motions near the measured ones or those that balance there; and what the truth itself shows."""
-    steady = steady_at(contest.space.model_at(point), contest.measurement)
-    most = Kernels(contest.space).wide
-    motions = [np.pad(found, [(0, 0)] * 3 + [(0, most - found.shape[-1])]) for _, found in steady]
-    starts = [Start(point), *(Start(point, found) for found in motions)]
+    lin = Linearisation(contest.space, contest.data(noise, point), Budget())
+    near = first_motions(lin, [point])[0]
+    begin = [searched(contest.space.model_at(point), contest.measurement, lin.kernels.wide), near]
+    starts = [Start(point), Start(point, begin[0])]
     reached = _descended(contest, noise, contest.free(hypothesis), starts, point, THOROUGH)
-    return reached, [shown for shown, _ in steady]
+    conditions = contest.measurement.conditions
+    shown = [predict(contest.space, conditions, point, budget=Budget(), near=(conditions, motions)).shown for motions in begin]
+    return reached, [vectors for vectors in shown if np.all(np.isfinite(vectors))]
 
 
 def _descended(contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner) -> Reached:
@@ -154,13 +155,12 @@ def reduced_chi2(measurement: Measurement, noise: Noise, shown: np.ndarray, unkn
     return float(np.sum(pairs**2)) / max(1, int(np.count_nonzero(weight)) - unknowns)
 
 
-def steady_at(model: Model, measurement: Measurement) -> list[tuple[np.ndarray, np.ndarray]]:
-    """What a model shows, and its motions: those searched for, and those near the measured ones, if they are found."""
-    conditions, most = measurement.conditions, np.asarray(NEWTON_STEPS)
-    near = eqx.filter_jit(motions_of)(model, conditions, np.asarray(measurement.vectors), measurement.present)
-    begin = (eqx.filter_jit(searched_motions)(model, conditions), near)
-    found = [eqx.filter_jit(vectors_from)(model, conditions, motions, most) for motions in begin]
-    return [(np.asarray(shown), np.asarray(motions)) for shown, motions in found if np.all(np.isfinite(shown))]
+def searched(model: Model, measurement: Measurement, wide: int) -> np.ndarray:
+    """Motions that balance, each found with nothing known: case x direction x coefficient, the last filled up with zeros."""
+    one = jax.jit(lambda condition: timed_vectors(model, condition)[1].coefficients)
+    conditions = measurement.conditions
+    found = np.stack([one(jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(len(measurement.run))])
+    return np.pad(found, [(0, 0), (0, 0), (0, wide - found.shape[-1])])
 
 
 def drawn_effect(seed: int) -> list[Problem]:

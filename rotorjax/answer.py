@@ -65,8 +65,10 @@ def _undecided(found: Explanation) -> str:
     others = ["others do as well"] if found.ties.tied or found.named_force is not None else []
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
     limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
+    likely = " or ".join(f"{r.effect} ({100.0 * r.probability:.0f} %)" for r in found.more[:SAID])
+    more = [f"something more is probable, such as {likely}"] if found.more else []
     what = listed(found.effects) if found.effects else "nothing that stands out so far"
-    return f"Undecided: {what}, but {listed([*others, *fails, *found.objections, *limit])}."
+    return f"Undecided: {what}, but {listed([*others, *fails, *found.objections, *more, *limit])}."
 
 
 def _unexplained(found: Explanation) -> str:
@@ -83,9 +85,7 @@ def _unexplained(found: Explanation) -> str:
 
 def _would_be_next(found: Explanation) -> str | None:
     """The effect at which the limit on their number stopped the search, if it did."""
-    last = found.rankings[-1]
-    none = next(r.probability for r in last if r.effect == "none")
-    return last[0].effect if len(found.effects) >= found.max_effects and none < DETECTED else None
+    return found.more[0].effect if found.more and len(found.effects) >= found.max_effects else None
 
 
 def _fall(found: Explanation) -> str:

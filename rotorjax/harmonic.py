@@ -183,18 +183,18 @@ class Root(NamedTuple):
     """Of the last Jacobian."""
 
 
-def _newton(system: System, start: Coefficients, tolerance: Array, most: Array | int = NEWTON_STEPS) -> Root:
-    """Newton's method; with ``most`` zero nothing but the Jacobian at the start."""
+def _newton(system: System, start: Coefficients, tolerance: Array) -> Root:
+    """Newton's method."""
 
     def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         point, _, count, _ = state
         by_miss = inverse(_jacobian(system, point))
-        change = (by_miss @ _miss(system, point).ravel()).reshape(point.shape) * jnp.where(jnp.asarray(most) > 0, 1.0, 0.0)
+        change = (by_miss @ _miss(system, point).ravel()).reshape(point.shape)
         return point - change, jnp.max(jnp.abs(change)), count + 1, by_miss
 
     def going(state: tuple[Array, Array, Array, Array]) -> Array:
         # A change that is not a number ends it too.
-        return (state[2] < jnp.maximum(most, 1)) & (state[1] > tolerance)
+        return (state[2] < NEWTON_STEPS) & (state[1] > tolerance)
 
     begin = (start, jnp.asarray(jnp.inf), jnp.asarray(0), jnp.zeros((start.size, start.size)))
     point, change, _, by_miss = jax.lax.while_loop(going, step, begin)
@@ -228,14 +228,14 @@ def _tolerance(system: System) -> Array:
     return TOLERANCE * size_of(system)
 
 
-def balance(system: System, frozen: System, finer: System, start: Coefficients, most: Array | int = NEWTON_STEPS) -> Balance:
+def balance(system: System, frozen: System, finer: System, start: Coefficients) -> Balance:
     """Solve y = L(F - N(y)) by Newton's method from a start near by; differentiable once, by the implicit function theorem.
 
     One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p; it and a few more see what few instants and orders
     miss of a corner. **Arguments:** ``frozen``: the same equations without derivatives by parameters; ``finer``: these with more orders and
-    instants; ``most`` steps of Newton's method before those. With none the motion is what the equations make of the start to first order.
+    instants.
     """
-    root = _newton(frozen, start, _tolerance(frozen), most)
+    root = _newton(frozen, start, _tolerance(frozen))
     point = jnp.where(root.good, root.point, 0.0)
 
     def step(force: Coefficients) -> Coefficients:
@@ -244,7 +244,7 @@ def balance(system: System, frozen: System, finer: System, start: Coefficients, 
     unseen = finer.force(_widened(point, finer))[:, : point.shape[1]] - frozen.force(point)
     after = point - step(system.lacking(point) + system.force(point) + unseen)
     there = jax.lax.stop_gradient(after)
-    best = jnp.where(jnp.asarray(most) > 0, _corrected(finer, root.inverse, there, _tolerance(frozen)), there)
+    best = _corrected(finer, root.inverse, there, _tolerance(frozen))
     return Balance(jnp.where(root.good, after + (best - there), jnp.nan), jnp.where(root.good, BALANCED, NOT_BALANCED))
 
 

@@ -11,11 +11,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 
 from rotorjax.assembly import Chain, assemble, point_at, true_speed
 from rotorjax.model import AbstractRotor, Conditions, Model
-from rotorjax.steady import Near, is_timed, measured_motion, timed_vectors, without_timed
+from rotorjax.steady import is_timed, timed_vectors
 
 TOGETHER = 4
 """Cases whose orders are balanced in one go."""
@@ -62,47 +62,6 @@ def _by_few(of_case: Callable[..., Any], cases: Any) -> Any:
     more = -count % TOGETHER
     filled = jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.repeat(leaf[-1:], more, axis=0)]), cases) if more else cases
     return jax.tree.map(lambda leaf: leaf[:count], jax.lax.map(of_case, filled, batch_size=TOGETHER))
-
-
-def vectors_from(
-    model: Model, conditions: Conditions, motions: Float[Array, "case speed dof coefficient"], steps: Array
-) -> tuple[Complex[Array, "case probe order"], Float[Array, "case speed dof coefficient"]]:
-    """`vectors` of a model whose orders depend on one another, from motions near by, and the motions found.
-
-    Not a number where none is found from there. **Arguments:** as in `rotorjax.steady.Near`.
-    """
-
-    def one(condition: Conditions, near: Array) -> tuple[Array, Array]:
-        at = jax.vmap(lambda speed, motion: timed_vectors(model, dataclasses.replace(condition, speed=speed), Near(motion, steps)))
-        shown, found = at(_speeds(model, condition), near)
-        return (shown[0] if model.slow_roll is None else shown[0] - shown[1]), found.coefficients
-
-    return jax.vmap(one)(conditions, motions)
-
-
-def searched_motions(model: Model, conditions: Conditions) -> Float[Array, "case speed dof coefficient"]:
-    """Steady motions of which nothing is known before, in the shape of `vectors_from`; not a number where none is found."""
-
-    def one(condition: Conditions) -> Array:
-        return jax.vmap(lambda speed: timed_vectors(model, dataclasses.replace(condition, speed=speed))[1].coefficients)(_speeds(model, condition))
-
-    return _by_few(one, conditions)
-
-
-def motions_of(
-    model: Model, conditions: Conditions, shown: Complex[Array, "case probe order"], present: Bool[Array, "case probe order"]
-) -> Float[Array, "case speed dof coefficient"]:
-    """Motions near the measured ones, to begin with: see `rotorjax.steady.measured_motion`; at slow roll those of the linear rotor."""
-
-    def one(condition: Conditions, vectors: Array, counted: Array) -> Array:
-        if model.slow_roll is None:
-            return measured_motion(model, condition, vectors, counted)[None]
-        rolling = dataclasses.replace(condition, speed=model.slow_roll)
-        there = linear_vectors(without_timed(model), rolling)
-        fast = measured_motion(model, condition, vectors + there, counted)
-        return jnp.stack([fast, measured_motion(model, rolling, there, jnp.ones_like(counted))])
-
-    return jax.vmap(one)(conditions, shown, present)
 
 
 def _speeds(model: Model, condition: Conditions) -> Float[Array, "speed"]:

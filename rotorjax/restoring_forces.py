@@ -169,7 +169,7 @@ def force_slopes(effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, 
     """Forces of many rows, with all their slopes from one evaluation at every instant.
 
     An effect that is at its null in all rows and stays there is passed over. **Arguments:** ``inputs`` with a leading axis that counts
-    rows; ``moved``: changes of them with a further one that counts columns, but for the motion.
+    rows; ``moved``: changes of them with a further one that counts columns, if there are any, but for the motion.
     """
     shape = (*moved.speed.shape, 2, inputs.motion.shape[-1])
     total = (_nothing(inputs, grid), jnp.zeros(shape))
@@ -187,7 +187,7 @@ def force_slopes(effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, 
         def change(faster: Array, bow: Vector) -> Array:
             return (_along(at.by.bow, *_waves_of(bow, grid, grid.angle)) + speed * faster) @ analysis
 
-        return at.force @ analysis, by_motion, jax.vmap(change)(moved.speed, moved.bow)
+        return at.force @ analysis, by_motion, jax.vmap(change)(moved.speed, moved.bow) if shape[1] else jnp.zeros(shape[1:])
 
     force, by_motion, change = jax.vmap(row)(inputs._replace(own=()), at, moved._replace(own=()))
     return ForceSlopes(force, by_motion, change + by_own)
@@ -211,9 +211,9 @@ def _with_effect(
     """The total, one effect added. **Arguments:** ``inputs`` with the parameters of that one alone; ``moved``: their changes."""
 
     def row(inputs: Inputs, moved: Array) -> tuple[Array, Moment, Array]:
-        by_own = _by_own((effect,), grid, inputs, rotor, 0)
         force = _at_instants(sum_of((effect,), rotor), grid, inputs, inputs.own)
-        return force, _by_moment((effect,), grid, inputs, rotor), jnp.einsum("dpb,cp->cdb", by_own, moved)
+        by_own = jnp.einsum("dpb,cp->cdb", _by_own((effect,), grid, inputs, rotor, 0), moved) if len(moved) else jnp.zeros((0, *inputs.motion.shape))
+        return force, _by_moment((effect,), grid, inputs, rotor), by_own
 
     force, by, change = jax.vmap(row)(inputs, moved)
     return _AtInstants(total[0].force + force, jax.tree.map(operator.add, total[0].by, by)), total[1] + change

@@ -9,15 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 
 from rotorjax._planar import Matrix, Vector
-from rotorjax.assembly import Assembled, Chain, Motion, assemble, point_at, true_speed
+from rotorjax.assembly import Assembled, Chain, assemble, point_at, true_speed
 from rotorjax.continuation import search
 from rotorjax.harmonic import (
     BALANCED,
-    NEWTON_STEPS,
-    SMALLEST_MOTION,
     Balance,
     Coefficients,
     Grid,
@@ -34,10 +32,6 @@ from rotorjax.restoring_forces import EVERY, Inputs, Moment, analysed, coefficie
 
 FRACTION = ((0.2, 0.06), (0.12, -0.16))
 """Push of the lowest fraction of an order, in the size of the free motion: in neither symmetry nor phase with anything."""
-LEAST_NORM = 1e-6
-"""Squared sensitivity of the probes below which a direction counts as unseen."""
-UNLIKE = 0.99
-"""An unseen direction changes as the other does, in the shape of the free motion: what is left of the price of that shape is one less this."""
 
 
 def is_timed(model: Model) -> bool:
@@ -135,15 +129,6 @@ def _per_coefficient(factors: Complex[Array, "*many order"]) -> Float[Array, "*m
     return to_real(factors[..., None, :] * jnp.broadcast_to(units, (*factors.shape[:-1], *units.shape)))
 
 
-class Near(NamedTuple):
-    """What is known of a steady state before it is computed."""
-
-    motion: Coefficients
-    """Coefficients of a motion near by; where not a number, that of the linear rotor is taken."""
-    steps: Array | int = NEWTON_STEPS
-    """Most steps of Newton's method; with none, what the equations make of the motion near by to first order."""
-
-
 class Ready(NamedTuple):
     """One case made ready for harmonic balance."""
 
@@ -206,8 +191,8 @@ class Ready(NamedTuple):
         return read(bends_of(self.model)[1], self.grid, positions(orders, self.grid), self.sensed(motion))
 
 
-def timed_vectors(model: Model, condition: Conditions, near: Near | None = None) -> tuple[Complex[Array, "probe order"], Balance]:
-    """Vectors of one case by harmonic balance, and the balance itself; without ``near`` after a search."""
+def timed_vectors(model: Model, condition: Conditions) -> tuple[Complex[Array, "probe order"], Balance]:
+    """Vectors of one case by harmonic balance, and the balance itself."""
     ready = Ready.of(model, condition)
     whole, condition, grid, assembled, chain = ready
     system = ready.system
@@ -216,11 +201,7 @@ def timed_vectors(model: Model, condition: Conditions, near: Near | None = None)
     else:
         fixed = Ready(*jax.lax.stop_gradient((whole, condition)), grid, *jax.lax.stop_gradient((assembled, chain)))
         frozen, finer = fixed.system, fixed.finer.system
-        if near is None:
-            found = balance(system, frozen, finer, _with_fractions(frozen, grid, search(frozen)))
-        else:
-            start = jnp.where(jnp.all(jnp.isfinite(near.motion)), near.motion, frozen.free)
-            found = balance(system, frozen, finer, jax.lax.stop_gradient(start), near.steps)
+        found = balance(system, frozen, finer, _with_fractions(frozen, grid, search(frozen)))
     return ready.shown(found.coefficients, model.layout.orders), found
 
 
@@ -242,31 +223,3 @@ def _with_fractions(system: System, grid: Grid, motion: Coefficients) -> Coeffic
 def positions(orders: tuple[float, ...], grid: Grid) -> list[int]:
     """Where some orders are among those of a grid."""
     return [min(range(len(grid.orders)), key=lambda k: abs(grid.orders[k] - order)) for order in orders]
-
-
-def measured_motion(model: Model, condition: Conditions, shown: Complex[Array, "probe order"], present: Bool[Array, "probe order"]) -> Coefficients:
-    """The motion of the linear rotor, put right as little as possible, and most in its own shape, to show at every order what was measured.
-
-    **Arguments:** ``shown``: measured vectors, whatever stands where they are not ``present``.
-    """
-    grid = make_grid(model.layout.orders)
-    whole = without_timed(model).with_orders(grid.orders)
-    condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
-    assembled, chain = by_order(whole, condition, grid)
-    motion = assembled.motion()
-
-    def corrected(part: Assembled, link: Chain, free: Motion, vectors: Array, counted: Array) -> Array:
-        rest = link.sensed(whole.probes, part.motion_of(Vector(0.0, 0.0)))
-        along = [link.sensed(whole.probes, part.motion_of(unit)) - rest for unit in (Vector(1.0, 0.0), Vector(0.0, 1.0))]
-        seen = jnp.stack(along, axis=1) * counted[:, None]
-        miss = (vectors / link.turn - link.sensed(whole.probes, free)) * counted
-        own = jnp.stack([free.disk.x, free.disk.y])
-        alike = jnp.outer(own, own.conj()) / jnp.maximum(jnp.sum(jnp.abs(own) ** 2), SMALLEST_MOTION**2)
-        normal = seen.conj().T @ seen + LEAST_NORM * (jnp.eye(2) - UNLIKE * alike)
-        step = Matrix.of(normal).solve(Vector.of(seen.conj().T @ miss))
-        return jnp.stack([free.disk.x + step.x, free.disk.y + step.y])
-
-    index = positions(model.layout.orders, grid)
-    parts, links, frees = jax.tree.map(lambda leaf: leaf[jnp.array(index)], (assembled, chain, motion))
-    disk = jax.vmap(corrected)(parts, links, frees, shown.T, present.T).T
-    return to_real(in_space(motion.disk).at[:, jnp.array(index)].set(disk))

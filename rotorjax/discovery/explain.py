@@ -17,7 +17,7 @@ from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.race import Contest, Effects, Known, check_catalog, make_contest, misfit_left, race
-from rotorjax.discovery.search import Progress, Ranked, Selection, change_by, noise_size, ranking, retold, select
+from rotorjax.discovery.search import DETECTED, Progress, Ranked, Selection, change_by, noise_size, none_left, ranking, retold, select
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
@@ -37,6 +37,9 @@ LARGE = 0.1
 
 POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
 """How estimates are made: a thousandth of a log unit is a twentieth of a standard error."""
+
+MOST_LEADERS = 3
+"""Ties, one after the other, that turn out more probable than the answer and take its place."""
 
 Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
 
@@ -111,6 +114,14 @@ class Explanation:
     def objections(self) -> tuple[str, ...]:
         """What speaks against the values of the effects found."""
         return self.story.fits[-1].objections(self.effects)
+
+    @property
+    def more(self) -> tuple[Ranked, ...]:
+        """What would be added next, where "none" is improbable: the effects that together make it so, the most probable first; else nothing."""
+        last = self.rankings[-1]
+        if next(r.probability for r in last if r.effect == "none") >= DETECTED:
+            return ()
+        return tuple(r for r in last if r.effect != "none" and r.probability >= DETECTED)
 
     @property
     def restricted(self) -> bool:
@@ -288,12 +299,14 @@ def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages
         # What was linearised once only says nothing.
         stages.untried.append("part of what else would do as well")
         return selection, ties._replace(tied=(), contains=()), noise
-    better = ties.better(contest, selection.most)
-    if better is None:
-        return selection, ties, noise
-    selection = retold(selection, better.effects, {t.contender.effects: t.contender for t in ties.tied})
-    noise = Noise(misfit_left(contest, better), contest.floor.scatter)
-    return selection, find_ties(contest, selection, noise, catalog), noise
+    for _ in range(MOST_LEADERS):
+        better = ties.better(contest, selection.most)
+        if better is None:
+            break
+        selection = retold(selection, better.effects, {t.contender.effects: t.contender for t in ties.tied})
+        noise = Noise(misfit_left(contest, better), contest.floor.scatter)
+        ties = find_ties(contest, selection, noise, catalog)
+    return selection, ties, noise
 
 
 def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, *, confirmed: bool) -> Verdict:
@@ -306,10 +319,9 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
         structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
     if structure:
         return "unexplained"
-    if not selection.effects:
-        return "nothing missing"
-    doubtful = ties.tied or not confirmed or last.objections(selection.effects)
-    return "undecided" if doubtful else "explained"
+    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(contest, selection) < DETECTED:
+        return "undecided"
+    return "explained" if selection.effects else "nothing missing"
 
 
 def _confirmed(fits: tuple[Fit, ...]) -> bool:

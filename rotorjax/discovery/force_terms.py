@@ -12,12 +12,12 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
-from rotorjax.discovery.missing_force import Balance, MissingForce, equations
+from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import GAP, LEAST_FACTOR, LOGARITHMIC, STEP, TERMS, Shape, beyond, shapes
+from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.model import Effect, ReadingEffect, SpeedEffect, WaveformEffect
 
 FINER = (-0.05, -0.035, -0.02, -0.01, 0.01, 0.02, 0.035, 0.05)
@@ -27,8 +27,6 @@ PASSES = 5
 LEAST_GAIN, LEAST_SHARE = 10.0, 1e-3
 """A term counts if chi-square falls by so much beyond the Bayesian information criterion (very strong: Kass, Raftery 1995, J. Am. Stat. Assoc. 90:773-795),
 and by this share of what all is about: 3 % in amplitude."""
-BATCH = 16
-"""Terms per call of the compiled function."""
 NO_SHARE, TINY = 1e-9, 1e-30
 """Of the measured motion: a force that moves it less is nothing."""
 TOUCHED, LEAST_TOUCHED, SELDOM_TOUCHED = 1e-2, 3, 2
@@ -164,9 +162,7 @@ class _Search:
         self._found, self._balance, self._catalog = found, balance, catalog
         self._used = np.any(balance.whitening != 0.0, axis=2)
         tried = list(shapes({name: cls for name, cls in catalog.items() if name not in found.model}, found.model.rotor, found.reach))
-        self._model = found.model.plus([catalog[name]() for name in sorted({shape.term for shape in tried})])
-        labels = [(e.name, label) for e in self._model.effects for p in e.parameters() for label in p.labels(self._model.layout)]
-        self._index = {label: k for k, label in enumerate(labels)}
+        self._forces = ForceBalance(found.model.plus([catalog[name]() for name in sorted({shape.term for shape in tried})]))
         self._yielding = self._entries(_yielding(found, fitted))
         every = self._entries(tried)
         self.pool = [entry for entry in every if self._matters(entry, LEAST_TOUCHED)]
@@ -177,22 +173,16 @@ class _Search:
 
     def _entries(self, wanted: list[Shape]) -> list[Entry]:
         """Shapes with their columns."""
-        points = [np.asarray(ravel_pytree(self._model.effects)[0], dtype=float)]
+        points = [self._forces.values]
         for shape in wanted:
             for factor in shape.factors:
                 points.append(points[0].copy())
                 for key, value in (shape.held | factor).items():
-                    points[-1][self._index[shape.term, key]] += value
-        errors, slopes = self._evaluate(np.stack(points))
+                    points[-1][self._forces.index[shape.term, key]] += value
+        errors, slopes = self._forces.at(np.stack(points), self._found.measurement.conditions, self._balance.motion, self._balance.measured)
+        errors, slopes = errors * self._used, slopes * (self._used[:, :, None] & self._used[:, None])
         columns = iter(_Column(errors[k] - errors[0], slopes[k] - slopes[0]) for k in range(1, len(points)))
         return [(shape, tuple(next(columns) for _ in shape.factors)) for shape in wanted]
-
-    def _evaluate(self, points: Float[np.ndarray, "term param"]) -> tuple[np.ndarray, np.ndarray]:
-        padded = np.concatenate([points, np.repeat(points[-1:], -len(points) % BATCH, axis=0)])
-        at = self._found.measurement.conditions, self._balance.motion, self._balance.measured
-        parts = [equations(self._model, padded[k : k + BATCH], *at) for k in range(0, len(padded), BATCH)]
-        errors, slopes = (np.concatenate([np.asarray(p[i]) for p in parts])[: len(points)] for i in range(2))
-        return errors * self._used[None], slopes * (self._used[:, :, None] & self._used[:, None])[None]
 
     def _matters(self, entry: Entry, cases: int) -> bool:
         """Whether a term moves anything that was measured; beyond a gap in so many cases, as anything explains a single one."""

@@ -12,20 +12,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax._core import MICROMETRE, AnyArray, require_float64
 from rotorjax._planar import Vector
 from rotorjax.assembly import true_speed
 from rotorjax.effects.terms import Reach
-from rotorjax.harmonic import Grid, make_grid, to_complex, to_real
+from rotorjax.harmonic import Grid, make_grid, to_real
+from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model, WaveformEffect
 from rotorjax.response import response
-from rotorjax.restoring_forces import restoring
-from rotorjax.steady import by_order, in_space, positions, restoring_system, without_timed
+from rotorjax.steady import by_order, in_space, positions, without_timed
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
@@ -133,39 +131,6 @@ def _sight(model: Model, conditions: Conditions) -> _Sight:
     return jax.vmap(one)(conditions)
 
 
-@eqx.filter_jit
-def equations(
-    model: Model, values: Float[AnyArray, "term param"], conditions: Conditions, motion: Float[AnyArray, "case dof coefficient"], measured: Int[AnyArray, "_"]
-) -> tuple[Float[Array, "term case equation"], Float[Array, "term case equation equation"]]:
-    """D q + N(q) - F [N] at a motion, and its derivative by what was measured of it, for several values of the parameters of all effects."""
-    grid = make_grid(model.layout.orders)
-    _, unravel = ravel_pytree(model.effects)
-
-    def left(at: Model, condition: Conditions, coefficients: Array) -> Array:
-        condition = dataclasses.replace(condition, speed=true_speed(at, condition.speed))
-        assembled, _ = by_order(at.with_orders(grid.orders), condition, grid)
-        pair = to_complex(coefficients)
-        linear = assembled.dynamic.times(Vector(pair[0], pair[1])) - assembled.drive
-        total = to_real(in_space(linear))
-        if restoring(at):
-            total += restoring_system(at.with_orders(grid.orders), condition, grid, assembled).force(coefficients)
-        return total[:, measured].ravel()
-
-    def one(point: Array) -> tuple[Array, Array]:
-        at = eqx.tree_at(lambda m: m.effects, model, unravel(point)) if model.effects else model
-
-        def case(condition: Conditions, coefficients: AnyArray) -> tuple[Array, Array]:
-            def moved(part: Array) -> Array:
-                return left(at, condition, jnp.asarray(coefficients).at[:, measured].set(part.reshape(2, -1)))
-
-            here = jnp.asarray(coefficients[:, measured]).ravel()
-            return moved(here), jax.jacfwd(moved)(here)
-
-        return jax.vmap(case)(conditions, motion)
-
-    return jax.lax.map(one, jnp.asarray(values))
-
-
 def missing_force(model: Model, measurement: Measurement, noise_allowance: float = 0.0) -> MissingForce:
     """The force that acts on the rotor beside the model, R = D q + N(q) - F, per case and measured order.
 
@@ -190,8 +155,8 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
     if not usable.any():
         return _nothing(full, measurement, grid, "only one direction was measured: the force needs the motion along x and along y in the same case")
     motion, whitening, covariance, measured = _motion(full, measurement, sight, both & usable[:, None], noise_allowance)
-    base = np.asarray(ravel_pytree(full.effects)[0], dtype=float)[None]
-    errors, slopes = (np.asarray(a)[0] for a in equations(full, base, measurement.conditions, motion, measured))
+    forces = ForceBalance(full)
+    errors, slopes = (part[0] for part in forces.at(forces.values[None], measurement.conditions, motion, measured))
     used = np.any(whitening != 0.0, axis=2)
     balance = Balance(
         motion, measured, np.where(used, errors, 0.0), np.where(used[:, :, None] & used[:, None], slopes, np.eye(used.shape[1])[None]), whitening,

@@ -68,6 +68,12 @@ def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
     return sorted(ranked, key=lambda r: (-r.probability, -r.log_evidence))
 
 
+def none_left(contest: Contest, selection: Selection) -> float:
+    """Probability that nothing is missing beside the answer."""
+    last = selection.races[-1]
+    return next(r.probability for r in ranking(contest, last, min(last.contenders, key=len)) if r.effect == "none")
+
+
 def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) -> Selection:
     """Add effects one after the other until "none" is probable.
 

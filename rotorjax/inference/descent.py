@@ -85,7 +85,7 @@ class End(NamedTuple):
     """On all cases, whichever were trained on."""
     shown: Complex[np.ndarray, "case probe order"]
     """What the model shows there [m]."""
-    motions: Float[np.ndarray, "near speed dof wide"] | None
+    motions: Float[np.ndarray, "state dof wide"] | None
     """The motions found, where orders depend on one another."""
     steps: int
     result: int
@@ -116,7 +116,7 @@ class Start(NamedTuple):
     """Where a descent begins; the motions there where orders depend on one another and they are known."""
 
     point: Float[np.ndarray, "param"]
-    motions: Float[np.ndarray, "near speed dof wide"] | None = None
+    motions: Float[np.ndarray, "state dof wide"] | None = None
 
     @classmethod
     def at(cls, end: End) -> "Start":
@@ -198,7 +198,7 @@ def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> 
         trials, cases = balanced(lin, [found[k] for k in astray], manner.tight)
         again = lin.timed_at(trials, [going[k].task.free for k in astray], cases)
         for k, near, one in zip(astray, cases, again, strict=True):
-            found[k] = found[k].with_cases(near, one)
+            found[k] = found[k].with_cases(lin.states, near, one)
     return found
 
 
@@ -241,15 +241,15 @@ class _Normal(Squares):
             slopes, scatter = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, scatter)
         super().__init__(lin.data, error, slopes, scatter)
 
-    def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "case motion"]:
+    def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "state motion"]:
         """How the motions move with a step of the parameters."""
         free = self.one.freedom
         assert free is not None
         moved = -(free.newton + free.newton_slopes @ step)
         if self._factor is not None:
             pull = np.linalg.solve(np.swapaxes(self._factor, 1, 2), self.left(step)[..., None])[..., 0] * self.task.training[:, None]
-            force = self.freedom**2 * np.einsum("cmi,cm->ci", free.reach, pull)
-            moved = moved - np.einsum("cij,cj->ci", free.by_force, force)
+            force = self.freedom**2 * np.swapaxes(free.reach, 1, 2) @ pull[..., None]
+            moved[: len(force)] -= (free.by_force @ force)[..., 0]
         return moved
 
 
@@ -271,6 +271,7 @@ class _Descent:
         self.timed = self.trial.motions is not None
         self.freedom = 0.0 if known or not self.timed else self.manner.first_freedom * self._reach()
         self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
         self.here: Linearised | None = None
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
@@ -313,7 +314,7 @@ class _Descent:
 
     def _off(self) -> float:
         freedom = None if self.here is None else self.here.freedom
-        return 0.0 if freedom is None else float(np.max(freedom.off[self.task.training], initial=0.0))
+        return 0.0 if freedom is None else float(np.max(freedom.off[self.judged], initial=0.0))
 
     def advance(self, there: Linearised) -> None:
         """Take the trial or leave it, and propose the next one."""
@@ -442,7 +443,7 @@ class _Descent:
         even = self.lin.even[self.task.free] & (unknowns != 0.0)
         return np.where(even, np.maximum(self.normal.gradient / np.where(even, unknowns, 1.0), 0.0), 0.0)
 
-    def _capped(self, change: Float[np.ndarray, "case motion"]) -> Float[np.ndarray, "case speed dof wide"]:
+    def _capped(self, change: Float[np.ndarray, "state motion"]) -> Float[np.ndarray, "state dof wide"]:
         """The motions after a step that is no longer than a share of each."""
         assert self.here is not None
         size = np.linalg.norm(np.asarray(self.here.point.motions).reshape(len(change), -1), axis=1)

@@ -94,8 +94,8 @@ class Kernels:
         # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
         self._leaves, structure = jax.tree.flatten(_nameless(space))
         shapes = tuple(np.shape(leaf) for leaf in self._leaves)
-        own = all(type(part).__module__.startswith("rotorjax.") for part in (space.model.rotor, *space.model.effects))
-        self._linear, self._balanced, self._refined = (_compiled(kernel, structure, shapes, own) for kernel in (_linear, _balanced, _refined))
+        ours = all(type(part).__module__.startswith("rotorjax.") for part in (space.model.rotor, *space.model.effects))
+        self._linear, self._balanced, self._refined = (program(kernel, structure, shapes, ours) for kernel in (_linear, _balanced, _refined))
 
     @property
     def coefficients(self) -> int:
@@ -109,18 +109,18 @@ class Kernels:
 
     def linear(self, rows: Rows) -> Reading:
         """Every order in closed form, forces that depend on motion left out."""
-        shown, slopes = self._in_chunks(self._linear, LINEAR_CHUNK, rows)
+        shown, slopes = in_chunks(self._linear, self._leaves, LINEAR_CHUNK, rows)
         return Reading(_cells(shown), _cells_by_column(slopes))
 
     def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
         """Orders that depend on one another, along a motion that need not be one."""
-        parts = iter(self._in_chunks(self._balanced, BALANCED_CHUNK, (*rows, motion)))
+        parts = iter(in_chunks(self._balanced, self._leaves, BALANCED_CHUNK, (*rows, motion)))
         size = motion[0].size
         shown, shown_slopes, shown_by_motion = _cells(next(parts)), _cells_by_column(next(parts)), next(parts)
-        lacking, lacking_slopes = (_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
+        lacking, lacking_slopes = (as_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
         dynamic = [[next(parts), next(parts)], [next(parts), next(parts)]]
         force, force_slopes, force_by_motion = parts
-        _add_dynamic(force_by_motion, dynamic)
+        add_dynamic(force_by_motion, dynamic)
         return Equations(
             shown,
             shown_by_motion.reshape(*shown.shape, size),
@@ -132,22 +132,7 @@ class Kernels:
 
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
         """Many orders at many instants along a refined motion."""
-        return Refined(*self._in_chunks(self._refined, BALANCED_CHUNK, (*rows, motion)))
-
-    def _in_chunks(self, kernel: "_Compiled", size: int, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-        """A kernel at any number of rows; the last chunk is filled up with copies of its last row."""
-        count = len(rows[0])
-
-        def chunk(first: int) -> list[np.ndarray]:
-            index = np.minimum(np.arange(first, first + size), count - 1)
-            return [np.asarray(part) for part in kernel(self._leaves, *(values[index] for values in rows))]
-
-        firsts, parts = range(0, count, size), []
-        if not kernel.warm:
-            # The first by itself: it may have to be compiled.
-            parts, firsts = [chunk(0)], firsts[1:]
-        parts += side_by_side(chunk, firsts) if firsts else []
-        return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+        return Refined(*in_chunks(self._refined, self._leaves, BALANCED_CHUNK, (*rows, motion)))
 
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:
@@ -159,12 +144,12 @@ def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> F
     return np.moveaxis(_cells(slopes), 1, 2)
 
 
-def _coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
-    """As `rotorjax.harmonic.to_real`."""
+def as_coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
+    """`rotorjax.harmonic.to_real` in NumPy."""
     return np.concatenate([np.real(amplitudes[..., :1]), numpy_pair(amplitudes[..., 1:]).reshape(*amplitudes.shape[:-1], -1)], axis=-1)
 
 
-def _add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficient"], dynamic: list[list[np.ndarray]]) -> None:
+def add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficient"], dynamic: list[list[np.ndarray]]) -> None:
     """Add a complex factor per order, row x order for each pair of directions, as it acts on coefficients; that of order 0 is real."""
     for (i, row), j in itertools.product(enumerate(dynamic), range(len(dynamic))):
         real, imaginary = np.real(row[j]), np.imag(row[j])
@@ -178,11 +163,11 @@ def _add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficie
             block[:, im, re] += imaginary[:, order]
 
 
-class _Compiled:
-    """A kernel that takes the leaves of a space."""
+class Program:
+    """A kernel that takes the leaves of a pytree, its first argument, one by one: traced when it is first called, or found."""
 
-    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, own: bool) -> None:
-        self._kernel, self._structure, self._own = kernel, structure, own
+    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool) -> None:
+        self._kernel, self._structure, self._ours = kernel, structure, ours
         self._call: Callable[..., tuple[Array, ...]] | None = None
 
     @property
@@ -191,22 +176,43 @@ class _Compiled:
         return self._call is not None
 
     def __call__(self, leaves: list[Array], *rows: np.ndarray) -> tuple[Array, ...]:
+        """One chunk."""
         if self._call is None:
-            self._call = self._program(leaves, *rows)
+            self._call = self._made(leaves, *rows)
         return self._call(leaves, *rows)
 
-    def _program(self, leaves: list[Array], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
+    def _made(self, leaves: list[Array], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
         def kernel(leaves: list[Array], *rows: Array) -> tuple[Array, ...]:
             return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
 
         # What a class of somebody else does is not said by its name.
-        return kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows)) if self._own else jax.jit(kernel)
+        return kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows)) if self._ours else jax.jit(kernel)
 
 
 @functools.lru_cache
-def _compiled(kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], own: bool) -> _Compiled:
+def program(kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool) -> Program:
+    """That of a kernel for a structure whose leaves have these shapes, the same one whenever it is asked for.
+
+    **Arguments:** ``ours``: whether all its classes are this package's.
+    """
     del shapes  # a program for each
-    return _Compiled(kernel, structure, own=own)
+    return Program(kernel, structure, ours=ours)
+
+
+def in_chunks(kernel: Program, leaves: list[Array], size: int, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    """A kernel at any number of rows; the last chunk is filled up with copies of its last row."""
+    count = len(rows[0])
+
+    def chunk(first: int) -> list[np.ndarray]:
+        index = np.minimum(np.arange(first, first + size), count - 1)
+        return [np.asarray(part) for part in kernel(leaves, *(values[index] for values in rows))]
+
+    firsts, parts = range(0, count, size), []
+    if not kernel.warm:
+        # The first by itself: it may have to be compiled.
+        parts, firsts = [chunk(0)], firsts[1:]
+    parts += side_by_side(chunk, firsts) if firsts else []
+    return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
 
 
 def _nameless(space: Space) -> Space:

@@ -24,6 +24,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.kernels import COLUMNS, Equations, Kernels, Rows, side_by_side
+from rotorjax.model import Conditions
 from rotorjax.space import Space
 
 
@@ -31,42 +32,42 @@ class Point(NamedTuple):
     """Where to linearise."""
 
     unknowns: Float[np.ndarray, "param"]
-    motions: Float[np.ndarray, "case speed dof wide"] | None
-    """Of every case, at its speed and at slow roll where that was subtracted; none where every order has its closed form."""
+    motions: Float[np.ndarray, "state dof wide"] | None
+    """Of every case, then at slow roll where that was subtracted (`States`); none where every order has its closed form."""
     refined: bool = False
     """Whether the force is taken along more orders and at more instants."""
 
 
 class Freedom(NamedTuple):
-    """How motions answer, where orders depend on one another."""
+    """How motions answer, where orders depend on one another. Those at slow roll have no freedom of their own."""
 
-    newton: Float[np.ndarray, "case motion"]
+    newton: Float[np.ndarray, "state motion"]
     """G⁻¹ g: what the motions are off balance by [m]."""
-    newton_slopes: Float[np.ndarray, "case motion free"]
+    newton_slopes: Float[np.ndarray, "state motion free"]
     by_force: Float[np.ndarray, "case motion motion"]
     """G⁻¹ W⁻¹: motion per force that is left, that force as a displacement."""
     seen: Float[np.ndarray, "case cell motion"]
     """s_q / σ: what is seen of a motion, in standard errors per metre."""
     reach: Float[np.ndarray, "case cell motion"]
     """X W⁻¹: the same in the vectors, in standard errors per metre."""
-    size: Float[np.ndarray, "case"]
+    size: Float[np.ndarray, "state"]
     """|W g|: the force that is lacking, as a displacement [m]."""
-    off: Float[np.ndarray, "case"]
+    off: Float[np.ndarray, "state"]
     """Largest |X g|: standard errors by which the reading is off what balance will make of it."""
-    followed: Float[np.ndarray, "case speed dof wide"]
+    followed: Float[np.ndarray, "state dof wide"]
     """The motions, their higher orders as they follow the force."""
 
 
 class Imbalance(NamedTuple):
-    """How far some motions are from balance, each a case at some parameters."""
+    """How far some motions are from balance, each of a state at some parameters."""
 
     size: Float[np.ndarray, "row"]
     """As in `Freedom`."""
     off: Float[np.ndarray, "row"]
     """As there."""
-    step: Float[np.ndarray, "row speed dof coefficient"]
+    step: Float[np.ndarray, "row dof coefficient"]
     """Newton's, towards balance."""
-    followed: Float[np.ndarray, "row speed dof wide"]
+    followed: Float[np.ndarray, "row dof wide"]
 
 
 class Linearised(NamedTuple):
@@ -80,11 +81,15 @@ class Linearised(NamedTuple):
     slopes: Float[np.ndarray, "case cell free"]
     freedom: Freedom | None
 
-    def with_cases(self, cases: Int[np.ndarray, "near"], other: "Linearised") -> "Linearised":
+    def with_cases(self, states: "States", cases: Int[np.ndarray, "near"], other: "Linearised") -> "Linearised":
         """Some cases in the place of their own, linearised at other motions."""
         assert self.freedom is not None
         assert other.freedom is not None
-        freedom = Freedom(*(_replaced(old, cases, new) for old, new in zip(self.freedom, other.freedom, strict=True)))
+        places = {"case": cases, "state": states.seen_in(cases)}
+        freedom = Freedom(*(
+            _replaced(old, places["case" if part in ("by_force", "seen", "reach") else "state"], new)
+            for part, old, new in zip(Freedom._fields, self.freedom, other.freedom, strict=True)
+        ))  # fmt: skip
         shown, error, slopes = (_replaced(getattr(self, part), cases, getattr(other, part)) for part in ("shown", "error", "slopes"))
         return Linearised(other.point, shown, error, slopes, freedom)
 
@@ -106,12 +111,52 @@ class Budget:
         return self.limit is not None and self.spent >= self.limit
 
 
+class States(NamedTuple):
+    """Conditions whose motions are balanced: those of every case, then, where slow roll was subtracted, of each set of what is installed there."""
+
+    speed: Float[np.ndarray, "state"]
+    """[rad/s], with what is installed: see `rotorjax.model.Conditions`."""
+    unbalance: Float[np.ndarray, "state plane dof"]
+    bow: Float[np.ndarray, "state dof"]
+    rolling: Int[np.ndarray, "case"] | None
+    """Of every case the state at slow roll that its vectors are less, if any."""
+
+    @classmethod
+    def of(cls, conditions: Conditions | Data, slow_roll: float | None) -> "States":
+        """Of every condition."""
+        speed, unbalance, bow = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
+        if slow_roll is None:
+            return cls(speed, unbalance, bow, None)
+        installed = np.concatenate([unbalance.reshape(len(speed), -1), bow], axis=1)
+        _, first, which = np.unique(installed, axis=0, return_index=True, return_inverse=True)
+        slow = np.full(len(first), slow_roll)
+        rolling = len(speed) + which.reshape(-1)
+        return cls(np.concatenate([speed, slow]), np.concatenate([unbalance, unbalance[first]]), np.concatenate([bow, bow[first]]), rolling)
+
+    def seen_in(self, cases: Int[np.ndarray, "near"]) -> Int[np.ndarray, "one"]:
+        """The states of some cases, then theirs at slow roll."""
+        return cases if self.rolling is None else np.concatenate([cases, np.unique(self.rolling[cases])])
+
+    def read(self, values: Float[np.ndarray, "one *cell"], cases: Int[np.ndarray, "near"]) -> Float[np.ndarray, "near *cell"]:
+        """What is at some cases less what is at slow roll. **Arguments:** ``values`` in the states of `seen_in`."""
+        if self.rolling is None:
+            return values
+        rolling = self.rolling[cases]
+        return values[: len(cases)] - values[len(cases) + np.searchsorted(np.unique(rolling), rolling)]
+
+    def everywhere(self, good: Bool[np.ndarray, "state"]) -> Bool[np.ndarray, "case"]:
+        """Cases all of whose states are good."""
+        return good if self.rolling is None else good[: len(self.rolling)] & good[self.rolling]
+
+
 class _Task(NamedTuple):
     """What is evaluated together."""
 
     point: Point
     free: Int[np.ndarray, "free"]
     cases: Int[np.ndarray, "near"]
+    states: Int[np.ndarray, "one"]
+    """In which these cases are seen."""
 
     @property
     def blocks(self) -> int:
@@ -119,9 +164,9 @@ class _Task(NamedTuple):
         return max(1, math.ceil(len(self.free) / COLUMNS))
 
     @property
-    def motions(self) -> Float[np.ndarray, "near speed dof wide"]:
-        """Of these cases."""
-        return np.asarray(self.point.motions)[self.cases]
+    def motions(self) -> Float[np.ndarray, "one dof wide"]:
+        """Of these states."""
+        return np.asarray(self.point.motions)[self.states]
 
 
 class Linearisation:
@@ -131,20 +176,26 @@ class Linearisation:
         self.space, self.data, self.budget = space, data, budget
         self.kernels, self.even = Kernels(space), space.even()
         model = space.model
-        speeds = [np.asarray(data.speed)]
-        if model.slow_roll is not None:
-            speeds.append(np.full(len(data.speed), float(model.slow_roll)))
-        self.speeds: Float[np.ndarray, "case speed"] = np.stack(speeds, axis=1)
-        """Two per case where slow roll was subtracted: both are balanced, and read as one less the other."""
+        self.states = States.of(data, None if model.slow_roll is None else float(model.slow_roll))
         order = np.concatenate([[0.0], np.repeat(self.kernels.grid.order_array[1:], 2)])
         stiffness, mass = float(np.mean(np.asarray(model.rotor.stiffness))), float(model.rotor.mass)
-        self._per_force = 1.0 / (stiffness + mass * (order * self.speeds[..., None]) ** 2)
+        self._per_force = np.tile(1.0 / (stiffness + mass * (order * self.states.speed[:, None]) ** 2), 2)
         self._weight = np.asarray(data.weight).reshape(len(data.speed), -1)
+        # That of a state at slow roll is the largest of the cases that are less it.
+        self._state_weight = np.zeros((len(self.states.speed), self._weight.shape[1]))
+        self._state_weight[: self.cases] = self._weight
+        if self.states.rolling is not None:
+            np.maximum.at(self._state_weight, self.states.rolling, self._weight)
 
     @property
     def cases(self) -> int:
         """Number of cases."""
-        return len(self.speeds)
+        return len(self.data.speed)
+
+    @property
+    def at_rest(self) -> Float[np.ndarray, "state dof wide"]:
+        """Motions of nothing."""
+        return np.zeros((len(self.states.speed), 2, self.kernels.wide))
 
     def at(self, points: Sequence[Point], free: Sequence[Int[np.ndarray, "_"]]) -> list[Linearised]:
         """Linearise at every point, by the unknowns that are free there."""
@@ -159,72 +210,63 @@ class Linearisation:
 
     def _tasks(self, points: Sequence[Point], free: Sequence[np.ndarray], cases: Sequence[np.ndarray] | None = None) -> list[_Task]:
         """All that is evaluated, counted."""
-        every = np.arange(self.cases)
-        tasks = [_Task(point, own, every if cases is None else cases[k]) for k, (point, own) in enumerate(zip(points, free, strict=True))]
+        every = [np.arange(self.cases)] * len(points) if cases is None else cases
+        tasks = [_Task(point, own, near, self.states.seen_in(near)) for point, own, near in zip(points, free, every, strict=True)]
         self.budget.spent += sum(task.blocks * len(task.cases) for task in tasks)
         return tasks
 
     def _rows(self, tasks: list[_Task]) -> Rows:
-        """Rows of all tasks: block of free unknowns by block, in each case by case, in each speed by speed."""
-        kinds, unknowns, wanted, which = self.speeds.shape[1], [], [], []
+        """Rows of all tasks: block of free unknowns by block, in each state by state."""
+        unknowns, wanted, which = [], [], []
         for task in tasks:
-            count = len(task.cases) * kinds
+            count = len(task.states)
             padded = np.full(task.blocks * COLUMNS, -1)
             padded[: len(task.free)] = task.free
             unknowns.append(np.broadcast_to(task.point.unknowns, (task.blocks * count, len(task.point.unknowns))))
             wanted.append(np.repeat(padded.reshape(task.blocks, COLUMNS), count, axis=0))
-            which.append(np.tile(task.cases, task.blocks))
-        case = np.concatenate(which)
-        conditions = (np.repeat(np.asarray(values)[case], kinds, axis=0) for values in (self.data.unbalance, self.data.bow))
-        return Rows(np.concatenate(unknowns), np.concatenate(wanted), self.speeds[case].ravel(), *conditions)
+            which.append(np.tile(task.states, task.blocks))
+        return self._rows_of(np.concatenate(unknowns), np.concatenate(wanted), np.concatenate(which))
+
+    def _rows_of(self, unknowns: Float[np.ndarray, "row param"], wanted: Int[np.ndarray, "row column"], states: Int[np.ndarray, "row"]) -> Rows:
+        return Rows(unknowns, wanted, self.states.speed[states], self.states.unbalance[states], self.states.bow[states])
 
     def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
-        """Back to one array a task: block x case x speed x what follows."""
-        kinds = self.speeds.shape[1]
-        ends = np.cumsum([task.blocks * len(task.cases) * kinds for task in tasks])[:-1]
+        """Back to one array a task: block x state x what follows."""
+        ends = np.cumsum([task.blocks * len(task.states) for task in tasks])[:-1]
         parts = np.split(values, ends)
-        return [part.reshape(task.blocks, len(task.cases), kinds, *values.shape[1:]) for part, task in zip(parts, tasks, strict=True)]
+        return [part.reshape(task.blocks, len(task.states), *values.shape[1:]) for part, task in zip(parts, tasks, strict=True)]
 
     def _plain(self, points: list[Point], free: list[np.ndarray]) -> list[Linearised]:
         tasks = self._tasks(points, free)
         shown, slopes = (self._split(part, tasks) for part in self.kernels.linear(self._rows(tasks)))
         found = []
         for k, task in enumerate(tasks):
-            read = self._less_slow_roll(shown[k][0])
-            by_free = self._less_slow_roll(_joined(slopes[k], len(task.free)))
+            read = self.states.read(shown[k][0], task.cases)
+            by_free = self.states.read(_joined(slopes[k], len(task.free)), task.cases)
             found.append(self._held_against(task, read, by_free, None))
         return found
 
     def timed_at(self, points: Sequence[Point], free: Sequence[Int[np.ndarray, "_"]], cases: Sequence[Int[np.ndarray, "_"]] | None = None) -> list[Linearised]:
         """The same where orders depend on one another; on some ``cases`` of each point only, if so wanted."""
         tasks = self._tasks(points, free, cases)
-        count = self.kernels.coefficients
-        wide = np.concatenate([np.concatenate([self._flat(task)] * task.blocks) for task in tasks])
-        parts = [self._split(part, tasks) for part in self.kernels.balanced(self._rows(tasks), wide[..., :count])]
+        wide = np.concatenate([np.concatenate([task.motions] * task.blocks) for task in tasks])
+        parts = [self._split(part, tasks) for part in self.kernels.balanced(self._rows(tasks), wide[..., : self.kernels.coefficients])]
         refined = self._refined(tasks)
         return side_by_side(lambda k: self._eliminated(tasks[k], Equations(*(part[k] for part in parts)), refined.get(k)), range(len(tasks)))
 
     def imbalance(
-        self, unknowns: Float[np.ndarray, "row param"], cases: Int[np.ndarray, "row"], motions: Float[np.ndarray, "row speed dof wide"], *, refined: bool
+        self, unknowns: Float[np.ndarray, "row param"], states: Int[np.ndarray, "row"], motions: Float[np.ndarray, "row dof wide"], *, refined: bool
     ) -> Imbalance:
-        """The balance of single cases, without slopes by the unknowns."""
-        kinds, count = self.speeds.shape[1], self.kernels.coefficients
-        each = (np.repeat(np.asarray(values)[cases], kinds, axis=0) for values in (self.data.unbalance, self.data.bow))
-        rows = Rows(np.repeat(unknowns, kinds, axis=0), np.full((len(cases) * kinds, COLUMNS), -1), self.speeds[cases].ravel(), *each)
-        wide = motions.reshape(-1, *motions.shape[2:])
-        equations = self.kernels.balanced(rows, wide[..., :count])
-        force, followed = (equations.force, wide) if not refined else self.kernels.refined(rows, wide)
-        self.budget.spent += len(cases)
-        step = -_solved(equations.force_by_motion, force[..., None])[..., 0]
-        per_force = np.repeat(self._per_force[cases].reshape(len(wide), 1, count), motions.shape[2], axis=1)
-        size = np.linalg.norm((force * per_force.reshape(force.shape)).reshape(len(cases), -1), axis=1)
-        read = np.einsum("rmi,ri->rm", equations.shown_by_motion, step).reshape(len(cases), kinds, -1)
-        off = np.abs(self._less_slow_roll(read) * self._weight[cases]).max(axis=1)
-        return Imbalance(size, off, step.reshape(*motions.shape[:3], count), followed.reshape(motions.shape))
-
-    def _flat(self, task: _Task) -> Float[np.ndarray, "row dof wide"]:
-        motions = task.motions
-        return motions.reshape(-1, *motions.shape[2:])
+        """The balance of single states, without slopes by the unknowns."""
+        count = self.kernels.coefficients
+        rows = self._rows_of(unknowns, np.full((len(states), COLUMNS), -1), states)
+        equations = self.kernels.balanced(rows, motions[..., :count])
+        force, followed = (equations.force, motions) if not refined else self.kernels.refined(rows, motions)
+        self.budget.spent += len(states)
+        step = -_solved(equations.force_by_motion, force[..., None])
+        off = np.abs((equations.shown_by_motion @ step)[..., 0] * self._state_weight[states]).max(axis=1)
+        size = np.linalg.norm(force * self._per_force[states], axis=1)
+        return Imbalance(size, off, step.reshape(*motions.shape[:2], count), followed)
 
     def _refined(self, tasks: list[_Task]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
         """Force and motion of those tasks that want the refined one."""
@@ -232,35 +274,26 @@ class Linearisation:
         if not fine:
             return {}
         own = [tasks[k]._replace(free=np.zeros(0, int)) for k in fine]
-        force, motion = self.kernels.refined(self._rows(own), np.concatenate([self._flat(task) for task in own]))
+        force, motion = self.kernels.refined(self._rows(own), np.concatenate([task.motions for task in own]))
         forces, motions = self._split(force, own), self._split(motion, own)
         return {k: (forces[i][0], motions[i][0]) for i, k in enumerate(fine)}
 
     def _eliminated(self, task: _Task, eq: Equations, refined: tuple[np.ndarray, np.ndarray] | None) -> Linearised:
-        """The motions eliminated, case by case. Leading axes of the equations: block, case, speed."""
-        free, cases, weight = len(task.free), len(task.cases), self._weight[task.cases]
-        force = eq.force[0] if refined is None else refined[0]
-        by_motion = eq.force_by_motion[0]
+        """The motions eliminated, state by state. Leading axes of the equations: block, state."""
+        free, count, weight = len(task.free), len(task.cases), self._weight[task.cases][..., None]
+        force, followed = (eq.force[0], task.motions) if refined is None else refined
+        by_motion, read, per_force = eq.force_by_motion[0], eq.shown_by_motion[0], self._per_force[task.states]
         inverse = _solved(by_motion, np.broadcast_to(np.eye(by_motion.shape[-1]), by_motion.shape))
-        per_force = np.tile(self._per_force[task.cases], eq.force.shape[-1] // self.kernels.coefficients)
-        by_force, size = inverse / per_force[:, :, None, :], np.linalg.norm((force * per_force).reshape(cases, -1), axis=1)
-        newton = np.einsum("csij,csj->csi", inverse, force)
-        newton_slopes = inverse @ _joined(eq.force_slopes, free)
-        read = eq.shown_by_motion[0]
-        off = np.einsum("csmi,csi->csm", read, newton)
-        shown = self._less_slow_roll(eq.shown[0] - off)
-        slopes = self._less_slow_roll(_joined(eq.slopes, free) - read @ newton_slopes)
-        sign = np.array([1.0, -1.0])[: self.speeds.shape[1], None, None]
-        seen, reach = (np.concatenate(np.moveaxis(sign * by_motion, 1, 0), axis=-1) * weight[..., None] for by_motion in (read, read @ by_force))
-        unread = np.abs(self._less_slow_roll(off) * weight).max(axis=1)
+        newton, newton_slopes = (inverse @ force[..., None])[..., 0], inverse @ _joined(eq.force_slopes, free)
+        off = (read @ newton[..., None])[..., 0]
+        shown = self.states.read(eq.shown[0] - off, task.cases)
+        slopes = self.states.read(_joined(eq.slopes, free) - read @ newton_slopes, task.cases)
+        by_force = inverse[:count] / per_force[:count, None, :]
         freedom = Freedom(
-            newton.reshape(cases, -1), newton_slopes.reshape(cases, reach.shape[-1], free), _block_diagonal(by_force), seen, reach, size, unread,
-            task.motions if refined is None else refined[1],
+            newton, newton_slopes, by_force, read[:count] * weight, read[:count] @ by_force * weight,
+            np.linalg.norm(force * per_force, axis=1), np.abs(off * self._state_weight[task.states]).max(axis=1), followed,
         )  # fmt: skip
         return self._held_against(task, shown, slopes, freedom)
-
-    def _less_slow_roll(self, values: Float[np.ndarray, "case speed *cell"]) -> Float[np.ndarray, "case *cell"]:
-        return values[:, 0] if values.shape[1] == 1 else values[:, 0] - values[:, 1]
 
     def _held_against(self, task: _Task, shown: np.ndarray, slopes: np.ndarray, freedom: Freedom | None) -> Linearised:
         """In standard errors; a half order is compared up to the sign that a once-per-turn reference leaves open."""
@@ -277,11 +310,11 @@ class Linearisation:
         pairs = shown.reshape(self.data.pairs.shape)
         return pairs[..., 0] + 1j * pairs[..., 1]
 
-    def moved(self, one: Linearised, step: Float[np.ndarray, "case motion"]) -> Float[np.ndarray, "case speed dof wide"]:
+    def moved(self, one: Linearised, step: Float[np.ndarray, "state motion"]) -> Float[np.ndarray, "state dof wide"]:
         """The motions after a step of what is balanced; higher orders as they follow the force."""
         assert one.freedom is not None
         motions = one.freedom.followed.copy()
-        motions[..., : self.kernels.coefficients] += step.reshape(*motions.shape[:3], -1)
+        motions[..., : self.kernels.coefficients] += step.reshape(*motions.shape[:2], -1)
         return motions
 
     def timed(self, unknowns: Float[np.ndarray, "param"], free: Bool[np.ndarray, "param"]) -> bool:
@@ -295,7 +328,7 @@ def _replaced(old: np.ndarray, cases: np.ndarray, new: np.ndarray) -> np.ndarray
     return changed
 
 
-def _joined(slopes: Float[np.ndarray, "block case speed line column"], free: int) -> Float[np.ndarray, "case speed line free"]:
+def _joined(slopes: Float[np.ndarray, "block state line column"], free: int) -> Float[np.ndarray, "state line free"]:
     """Blocks of columns side by side, without what filled up the last."""
     return np.concatenate(list(slopes), axis=-1)[..., :free]
 
@@ -312,14 +345,3 @@ def _solved(
             with contextlib.suppress(np.linalg.LinAlgError):
                 found[index] = np.linalg.solve(matrices[index], right[index])
         return found
-
-
-def _block_diagonal(blocks: Float[np.ndarray, "case speed one one"]) -> Float[np.ndarray, "case motion motion"]:
-    """The motions of the speeds of one case side by side."""
-    cases, count, size, _ = blocks.shape
-    if count == 1:
-        return blocks[:, 0]
-    full = np.zeros((cases, count, size, count, size))
-    for k in range(count):
-        full[:, k, :, k] = blocks[:, k]
-    return full.reshape(cases, count * size, count * size)

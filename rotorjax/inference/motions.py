@@ -15,7 +15,7 @@ STEPS = 50
 """Most of them."""
 
 
-def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) -> list[Float[np.ndarray, "case speed dof wide"]]:
+def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) -> list[Float[np.ndarray, "state dof wide"]]:
     """Motions that show what was measured: those of the rotor without forces that depend on motion, changed as little as possible.
 
     A change that goes along with the motion of its order, in both directions alike, counts least: where one direction is not seen, a
@@ -25,17 +25,15 @@ def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) 
     distinct = list({point.tobytes(): point for point in plain}.values())
     if not distinct:
         return []
-    rest = np.zeros((*lin.speeds.shape, 2, lin.kernels.wide))
     known = {}
-    for one in lin.at([Point(point, rest) for point in distinct], [np.zeros(0, int)] * len(distinct)):
+    for one in lin.at([Point(point, lin.at_rest) for point in distinct], [np.zeros(0, int)] * len(distinct)):
         assert one.freedom is not None
         free, size = -one.freedom.newton, FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight)))
-        likely = size**2 * _alike(free.reshape(lin.cases, -1, 2, lin.kernels.coefficients)[:, 0])
-        along = likely @ np.swapaxes(one.freedom.seen[..., : likely.shape[1]], 1, 2)
-        shown = one.freedom.seen[..., : likely.shape[1]] @ along + np.eye(one.error.shape[1])
-        change = -np.einsum("cim,cm->ci", along, np.linalg.solve(shown, one.error[..., None])[..., 0])
+        likely = size**2 * _alike(free[: lin.cases].reshape(lin.cases, 2, lin.kernels.coefficients))
+        along = likely @ np.swapaxes(one.freedom.seen, 1, 2)
+        shown = one.freedom.seen @ along + np.eye(one.error.shape[1])
         # What was subtracted as slow roll is left as it is.
-        free[:, : change.shape[1]] += change
+        free[: lin.cases] -= (along @ np.linalg.solve(shown, one.error[..., None]))[..., 0]
         known[one.point.unknowns.tobytes()] = lin.moved(one, free)
     return [known[point.tobytes()] for point in plain]
 
@@ -56,19 +54,19 @@ def _alike(motion: Float[np.ndarray, "case dof coefficient"]) -> Float[np.ndarra
 def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tuple[list[Point], list[Int[np.ndarray, "near"]]]:
     """Motions moved towards balance under parameters that stay: Newton's method, its steps shortened until the force that is lacking falls.
 
-    The cases have nothing to do with one another. **Arguments:** ``tight``: standard errors by which the reading may be off balance.
-    **Returns** the points, and of each the cases that were moved.
+    The states have nothing to do with one another. **Arguments:** ``tight``: standard errors by which the reading may be off balance.
+    **Returns** the points, and of each the cases that read of what was moved.
     """
     freedoms = [one.freedom for one in astray if one.freedom is not None]
     motions, moved = [np.array(one.point.motions) for one in astray], [np.flatnonzero(freedom.off > tight) for freedom in freedoms]
     for refined in (False, True):
-        rows = [(k, case) for k, one in enumerate(astray) if one.point.refined == refined for case in moved[k]]
+        rows = [(k, state) for k, one in enumerate(astray) if one.point.refined == refined for state in moved[k]]
         if not rows:
             continue
-        which, cases = np.array(rows).T
+        which, states = np.array(rows).T
         unknowns = np.stack([astray[k].point.unknowns for k in which])
-        here, share = _imbalances([freedoms[k] for k in which], cases), np.ones(len(rows))
-        state = np.stack([motions[k][case] for k, case in rows])
+        here, share = _imbalances([freedoms[k] for k in which], states), np.ones(len(rows))
+        found = np.stack([motions[k][state] for k, state in rows])
         # Less force that is lacking need not read better: nothing is given up for it.
         nearest = here.off.copy()
         for _ in range(STEPS):
@@ -76,23 +74,24 @@ def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tupl
             if not len(alive):
                 break
             trial = here.followed[alive].copy()
-            trial[..., : lin.kernels.coefficients] += share[alive, None, None, None] * here.step[alive]
-            there = lin.imbalance(unknowns[alive], cases[alive], trial, refined=refined)
+            trial[..., : lin.kernels.coefficients] += share[alive, None, None] * here.step[alive]
+            there = lin.imbalance(unknowns[alive], states[alive], trial, refined=refined)
             better = there.size < here.size[alive]
             share[alive] = np.where(better, np.minimum(1.0, 2.0 * share[alive]), 0.3 * share[alive])
             for old, new in zip(here, there, strict=True):
                 old[alive[better]] = new[better]
             for row, motion, off in zip(alive, trial, there.off, strict=True):
                 if off < nearest[row]:
-                    state[row], nearest[row] = motion, off
-        for row, (k, case) in enumerate(rows):
-            motions[k][case] = state[row]
-    return [one.point._replace(motions=found) for one, found in zip(astray, motions, strict=True)], moved
+                    found[row], nearest[row] = motion, off
+        for row, (k, state) in enumerate(rows):
+            motions[k][state] = found[row]
+    cases = [np.flatnonzero(~lin.states.everywhere(~np.isin(np.arange(len(lin.states.speed)), states))) for states in moved]
+    return [one.point._replace(motions=found) for one, found in zip(astray, motions, strict=True)], cases
 
 
-def _imbalances(freedoms: list[Freedom], cases: Int[np.ndarray, "row"]) -> Imbalance:
-    """Of cases that are linearised already, one of each."""
+def _imbalances(freedoms: list[Freedom], states: Int[np.ndarray, "row"]) -> Imbalance:
+    """Of states that are linearised already, one of each."""
     size, off, newton, followed = (
-        np.stack([getattr(freedom, part)[case] for freedom, case in zip(freedoms, cases, strict=True)]) for part in ("size", "off", "newton", "followed")
+        np.stack([getattr(freedom, part)[state] for freedom, state in zip(freedoms, states, strict=True)]) for part in ("size", "off", "newton", "followed")
     )
     return Imbalance(size, off, -newton.reshape(*followed.shape[:-1], -1), followed)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from rotorjax.inference.data import Data
-from rotorjax.inference.linearised import Budget, Linearisation, Point
+from rotorjax.inference.linearised import Budget, Linearisation, Point, States
 from rotorjax.model import Conditions
 from rotorjax.space import Space
 
@@ -39,7 +39,7 @@ def predict(
     point: Float[np.ndarray, "param"],
     *,
     budget: Budget,
-    near: tuple[Conditions, Float[np.ndarray, "near speed dof wide"] | None] | None = None,
+    near: tuple[Conditions, Float[np.ndarray, "near dof wide"] | None] | None = None,
     free: Int[np.ndarray, "free"] | None = None,
 ) -> Prediction:
     """What the model shows at some unknowns.
@@ -55,7 +55,7 @@ def predict(
         return Prediction(lin.vectors(one.shown), one.slopes)
     starts = []
     if near is not None and near[1] is not None:
-        starts.append(near[1][_nearest(conditions, near[0])])
+        starts.append(near[1][_nearest(lin.states, States.of(near[0], None if space.model.slow_roll is None else float(space.model.slow_roll)))])
     starts.append(_linear_motions(lin, point))
     shown, slopes = np.full((lin.cases, lin.data.pairs[0].size), np.nan), np.full((lin.cases, lin.data.pairs[0].size, len(wanted)), np.nan)
     for motions in starts:
@@ -67,33 +67,33 @@ def predict(
     return Prediction(lin.vectors(shown), slopes)
 
 
-def _nearest(wanted: Conditions, known: Conditions) -> Int[np.ndarray, "case"]:
-    """Index of the known condition that is nearest to each that is wanted: in speed, and in what is installed, each in its largest size."""
-    distance = np.zeros((len(np.asarray(wanted.speed)), len(np.asarray(known.speed))))
-    for one, other in ((wanted.speed, known.speed), (wanted.unbalance, known.unbalance), (wanted.bow, known.bow)):
-        here, there = (np.asarray(values).reshape(len(np.asarray(values)), -1) for values in (one, other))
+def _nearest(wanted: States, known: States) -> Int[np.ndarray, "state"]:
+    """Index of the known state that is nearest to each that is wanted: in speed, and in what is installed, each in its largest size."""
+    distance = np.zeros((len(wanted.speed), len(known.speed)))
+    for one, other in zip(wanted[:3], known[:3], strict=True):
+        here, there = one.reshape(len(one), -1), other.reshape(len(other), -1)
         distance += np.linalg.norm(here[:, None] - there[None], axis=2) / max(float(np.abs(there).max()), 1e-300)
     return np.argmin(distance, axis=1)
 
 
-def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Float[np.ndarray, "case speed dof wide"]:
+def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Float[np.ndarray, "state dof wide"]:
     plain = np.where(lin.space.timed(), 0.0, point)
-    (one,) = lin.at([Point(plain, np.zeros((*lin.speeds.shape, 2, lin.kernels.wide)))], [np.zeros(0, int)])
+    (one,) = lin.at([Point(plain, lin.at_rest)], [np.zeros(0, int)])
     assert one.freedom is not None
     return lin.moved(one, -one.freedom.newton)
 
 
 def _newton(
-    lin: Linearisation, point: Float[np.ndarray, "param"], motions: Float[np.ndarray, "case speed dof wide"], free: Int[np.ndarray, "free"]
+    lin: Linearisation, point: Float[np.ndarray, "param"], motions: Float[np.ndarray, "state dof wide"], free: Int[np.ndarray, "free"]
 ) -> tuple[Float[np.ndarray, "case cell"], Float[np.ndarray, "case cell free"]]:
-    """Vectors and slopes where it converges, else not a number. Every case has steps of its own."""
+    """Vectors and slopes where it converges, else not a number. Every state has steps of its own."""
     none, refined = np.zeros(0, int), False
-    good = np.zeros(lin.cases, bool)
+    good = np.zeros(len(motions), bool)
     shown, slopes = np.full((lin.cases, lin.data.pairs[0].size), np.nan), np.full((lin.cases, lin.data.pairs[0].size, len(free)), np.nan)
     for step in range(MOST_STEPS):
         (one,) = lin.at([Point(point, motions, refined)], [none])
         assert one.freedom is not None
-        size = np.linalg.norm(motions.reshape(lin.cases, -1), axis=1)
+        size = np.linalg.norm(motions.reshape(len(motions), -1), axis=1)
         change = -one.freedom.newton
         length = np.linalg.norm(change, axis=1)
         with np.errstate(invalid="ignore"):
@@ -104,5 +104,6 @@ def _newton(
         refined = refined or bool((good | (step > MOST_STEPS // 2)).all())
         motions = lin.moved(one, np.nan_to_num(change * short[:, None]))
     (one,) = lin.at([Point(point, motions, True)], [free])
-    shown[good], slopes[good] = one.shown[good], one.slopes[good]
+    found = lin.states.everywhere(good)
+    shown[found], slopes[found] = one.shown[found], one.slopes[found]
     return shown, slopes

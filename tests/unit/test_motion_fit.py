@@ -59,7 +59,7 @@ def test_without_forces_on_the_motion_one_step_is_exact(spring):
         lin = Linearisation(space, make_data(measurement, space.model, NO_NOISE), Budget())
         point = unknowns_at(space, residual_unbalance__unbalance_x_kg_m=1e-5, cross_coupling__cross_stiffness_n_per_m=500.0)
         free = np.flatnonzero(space.free(["residual_unbalance", "cross_coupling", "probe_gain"]))
-        anywhere = 1e-5 * np.random.default_rng(0).standard_normal((*lin.speeds.shape, 2, lin.kernels.wide))
+        anywhere = 1e-5 * np.random.default_rng(0).standard_normal(lin.at_rest.shape)
         (off,) = lin.at([Point(point, anywhere)], [free])
         assert off.freedom is not None
         plain, balanced = lin.at([Point(point, None), Point(point, lin.moved(off, -off.freedom.newton))], [free, free])
@@ -203,7 +203,7 @@ def test_a_fit_that_known_motions_led_astray_begins_again_with_those_measured(sp
     _, measurement, space, data, true = spring
     free, every = space.free(["duffing"]), np.ones((1, len(measurement.run)), bool)
     lin = Linearisation(space, data, Budget())
-    far = 1e-2 * np.random.default_rng(0).standard_normal((*lin.speeds.shape, 2, lin.kernels.wide))
+    far = 1e-2 * np.random.default_rng(0).standard_normal(lin.at_rest.shape)
     start = Start(unknowns_at(space, duffing__cubic_n_per_m3=true), far)
 
     def ended():
@@ -228,7 +228,7 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
         ]
 
     monkeypatch.setattr(Linearisation, "at", unbounded)
-    monkeypatch.setattr(descent, "first_motions", lambda lin, points: [np.zeros((*lin.speeds.shape, 2, lin.kernels.wide)) for _ in points])
+    monkeypatch.setattr(descent, "first_motions", lambda lin, points: [lin.at_rest for _ in points])
     (end,) = descend(space, data, [Start(unknowns_at(space, duffing__cubic_n_per_m3=true))], free, every, budget=Budget(), manner=QUICK)
     assert end.result == NOT_FINITE
     assert not end.exact

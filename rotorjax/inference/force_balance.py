@@ -1,0 +1,92 @@
+"""The balance of forces of a rotor along given motions, at many values of all that may act on it.
+
+One program serves every model, measurement and number of terms: its shape depends on the orders that are balanced and on the number of planes.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float, Int
+
+from rotorjax._planar import Matrix, Vector
+from rotorjax.assembly import true_speed
+from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
+from rotorjax.harmonic import Grid, make_grid
+from rotorjax.inference.kernels import Program, add_dynamic, as_coefficients, in_chunks, program
+from rotorjax.model import Conditions, Layout, Model, Probes, ReadingEffect, WaveformEffect
+from rotorjax.restoring_forces import Inputs, force_slopes, parameters_of
+from rotorjax.space import with_company
+from rotorjax.steady import Ready, by_order
+
+CHUNK = 16
+"""Rows evaluated together: a force that is at its null in all of them is passed over."""
+
+
+class Balances(NamedTuple):
+    """D q + N(q) - F [N], and its derivative by the motion; for every set of values, in every case."""
+
+    force: Float[np.ndarray, "set case equation"]
+    by_motion: Float[np.ndarray, "set case equation equation"]
+
+
+class ForceBalance:
+    """All forces of the catalogue and all terms, with those of a model; what only changes the reading is left out."""
+
+    def __init__(self, model: Model) -> None:
+        grid = make_grid(model.layout.orders)
+        own = [e for e in model.effects if not isinstance(e, ReadingEffect | WaveformEffect)]
+        classes = {name: cls for name, cls in (CATALOG | TERMS).items() if not issubclass(cls, ReadingEffect | WaveformEffect)}
+        bare = dataclasses.replace(model, effects=tuple(own), slow_roll=None)
+        full = with_company(bare.with_orders(grid.orders), classes, classes)
+        labels = [(e.name, label) for e in full.effects for p in e.parameters() for label in p.labels(full.layout)]
+        self.index = {label: k for k, label in enumerate(labels)}
+        """Effect and label of every value."""
+        self.values = np.asarray(ravel_pytree(full.effects)[0], dtype=float)
+        """Of the model."""
+        layout = Layout((), tuple(map(str, range(len(full.layout.planes)))), grid.orders)
+        nameless = dataclasses.replace(full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=layout)
+        self._leaves, structure = jax.tree.flatten(nameless)
+        ours = all(type(part).__module__.startswith("rotorjax.") for part in (full.rotor, *full.effects))
+        self._program: Program = program(_balance, structure, tuple(np.shape(leaf) for leaf in self._leaves), ours)
+
+    def at(
+        self,
+        values: Float[np.ndarray, "set param"],
+        conditions: Conditions,
+        motion: Float[np.ndarray, "case dof coefficient"],
+        measured: Int[np.ndarray, "_"],
+    ) -> Balances:
+        """Along a motion at every case. **Arguments:** ``measured``: the coefficients whose equations count, and by which derivatives are taken."""
+        cases = np.tile(np.arange(len(motion)), len(values))
+        each = (np.asarray(leaf)[cases] for leaf in (conditions.speed, conditions.unbalance, conditions.bow))
+        rows = (np.repeat(values, len(motion), axis=0), *each, motion[cases])
+        lacking_x, lacking_y, *dynamic, force, by_motion = in_chunks(self._program, self._leaves, CHUNK, rows)
+        add_dynamic(by_motion, [dynamic[:2], dynamic[2:]])
+        force = (force + as_coefficients(np.stack([lacking_x, lacking_y], axis=-2)))[..., measured]
+        by_motion = by_motion[:, :, measured][..., measured]
+        count = 2 * len(measured)
+        return Balances(force.reshape(len(values), len(motion), count), by_motion.reshape(len(values), len(motion), count, count))
+
+
+def _balance(model: Model, values: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, ...]:
+    orders = model.layout.orders
+    grid = Grid(orders, turns=round(1.0 / orders[1]))
+    _, unravel = ravel_pytree(model.effects)
+
+    def row(values: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Vector, Matrix, Inputs]:
+        at = eqx.tree_at(lambda m: m.effects, model, unravel(values))
+        condition = Conditions(true_speed(at, speed), unbalance, bow)
+        ready = Ready(at, condition, grid, *by_order(at, condition, grid))
+        return ready.lacking(motion), ready.assembled.dynamic, ready.inputs(motion)
+
+    lacking, dynamic, inputs = jax.vmap(row)(values, speed, unbalance, bow, motions)
+    still: Any = jax.tree.map(lambda leaf: jnp.zeros((len(leaf), 0, *leaf.shape[1:]), leaf.dtype), inputs)
+    forces = force_slopes(parameters_of(model)[1], model.rotor, grid, inputs, still)
+    return lacking.x, lacking.y, dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, forces.force, forces.by_motion
