@@ -241,11 +241,11 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
     starts: list[Start] = []
     for parent in parents:
         # Where a force is gone that the motion depended on, those that stay have sizes to be found anew.
-        changed = effects - parent.effects | (effects & contest.timed if parent.effects - effects & contest.timed else frozenset())
+        changed = (effects - parent.effects) | (effects & contest.timed if (parent.effects - effects) & contest.timed else frozenset())
         new = contest.only_of(changed)
         here = np.where(mask, parent.best.point, contest.space.given_unknowns())
         # A parent's motion is near unless a force, whose size is to be found first, changes it.
-        same = Start.at(parent.best) if not effects ^ parent.effects & contest.timed else Start(here)
+        same = Start.at(parent.best) if not (effects ^ parent.effects) & contest.timed else Start(here)
         declared = declared_starts(contest.space, new, contest.measurement.reach)
         starts += [same._replace(point=np.where(new & (start != 0.0), start, here)) for start in declared]
     starts = starts or starts_at(declared_starts(contest.space, mask, contest.measurement.reach))

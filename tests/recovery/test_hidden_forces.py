@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Jeffcott, Knowledge, Layout, Measurement, Model, effects, explain
-from rotorjax.answer import notes
+from rotorjax.answer import notes, sentence
 from rotorjax.measurement import Uncertain
 
 import drawn_effects
@@ -157,6 +157,26 @@ def test_orders_that_were_not_measured_are_named():
         assert any("crack is told by 2X too" in line for line in notes(found))
     else:
         assert found.verdict == "unexplained"
+
+
+@pytest.mark.campaign
+def test_a_force_of_which_another_is_the_special_case_is_tried_in_its_place():
+    """A rub was found in the place of a clearance: of the latter the only descent began with motions under both."""
+    hidden = drawn_effects.draw(1051)
+    assert hidden.effects == ("clearance", "probe_gain")
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    named = {frozenset(found.effects), *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied)}
+    assert frozenset(hidden.effects) in named
+
+
+def test_what_is_probably_not_all_is_undecided():
+    """That something is missing beside the damping is 20 times as probable as that nothing is, but not which of two effects it is."""
+    hidden = drawn_effects.draw(1094)
+    assert hidden.effects == ("cross_coupling", "damping_error")
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("undecided", ("damping_error",))
+    assert [ranked.effect for ranked in found.more] == ["cross_coupling", "internal_damping"]
+    assert "something more is probable, such as cross_coupling (68 %) or internal_damping (27 %)" in sentence(found)
 
 
 @pytest.mark.campaign

@@ -10,7 +10,7 @@ import pytest
 from rotorjax import Conditions, Jeffcott, Model, effects, response
 from rotorjax._core import NOT_FINITE, real_pair
 from rotorjax.discovery import bootstrap
-from rotorjax.discovery.race import make_contest, race
+from rotorjax.discovery.race import _starts, make_contest, race
 from rotorjax.effects import CATALOG
 from rotorjax.inference import descent, linearised
 from rotorjax.inference.data import declared_starts, make_data
@@ -66,6 +66,27 @@ def test_without_forces_on_the_motion_one_step_is_exact(spring):
         np.testing.assert_allclose(off.shown, plain.shown, rtol=1e-9, atol=1e-16)
         np.testing.assert_allclose(balanced.shown, plain.shown, rtol=1e-9, atol=1e-16)
         np.testing.assert_allclose(balanced.slopes, plain.slopes, rtol=1e-7, atol=1e-7 * np.abs(plain.slopes).max())
+        few = np.arange(0, lin.cases, 3)
+        (part,) = lin.timed_at([Point(point, anywhere)], [free], [few])
+        np.testing.assert_allclose(part.shown, off.shown[few], rtol=1e-12, atol=1e-18)
+        # At slow roll, once for each set of weights.
+        weights = np.unique(measurement.run) if slow_roll else ()
+        assert len(lin.states.speed) == lin.cases + len(weights)
+
+
+def test_where_a_force_is_gone_the_sizes_of_those_that_stay_are_found_anew(spring):
+    """And motions are as measured: those that balance were that force's. Where no force changes, they are near."""
+    model, measurement, *_ = spring
+    contest = make_contest(model, measurement, ["duffing", "clearance", "probe_gain"])
+    both = frozenset({"duffing", "clearance"})
+    known = race(contest, NO_NOISE, [both], {})
+    alone, more = frozenset({"clearance"}), both | {"probe_gain"}
+    without = _starts(contest, alone, contest.free(alone), known, afresh=False)
+    declared = declared_starts(contest.space, contest.free(alone), measurement.reach)
+    assert [start.motions is None for start in without] == [True] * len(declared)
+    np.testing.assert_allclose([start.point for start in without], declared)
+    (beside,) = _starts(contest, more, contest.free(more), known, afresh=False)
+    assert beside.motions is known[both].best.motions
 
 
 def test_slopes_are_those_of_the_response(spring):
