@@ -4,7 +4,9 @@ Everything that effects do is written here in the time domain, longhand, with Sc
 revolution, the periodic orbit from the fundamental matrix, waveforms sampled where a recorder would sample them.
 """
 
+import cmath
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -40,45 +42,51 @@ class TimeRotor:
     """Shaft angle by which the phase reference comes later than the zero of the weights' angles."""
 
     def _turning(self, vector: complex, angle: float) -> np.ndarray:
-        turned = vector * np.exp(1j * angle)
-        return np.array([turned.real, self.sense * turned.imag])
+        turned = vector * cmath.exp(1j * angle)
+        return np.array([[turned.real], [self.sense * turned.imag]])
 
-    def _derivative(self, t: float, state: np.ndarray, speed: float, driven: float) -> np.ndarray:
-        q, v = state[0:2], state[2:4]
-        ground, ground_v = (state[4:6], state[6:8]) if self.foundation else (np.zeros(2), np.zeros(2))
-        angle = speed * t
-        bow = driven * self._turning(self.bow, angle)
+    def _rate(self, speed: float, driven: np.ndarray) -> Callable[[float, np.ndarray], np.ndarray]:
+        """The states' rate of change, several at once: state x motion in a row. Each is ``driven`` by what excites the rotor, or not."""
         turn = np.array([[np.cos(self.axes), -np.sin(self.axes)], [np.sin(self.axes), np.cos(self.axes)]])
-        spring = turn @ np.diag(self.stiffness) @ turn.T
-        path = spring @ (q - bow - ground)
-        across = self.sense * np.array([q[1], -q[0]])
-        across_v = self.sense * np.array([v[1], -v[0]])
-        damped_v = v - driven * self._turning(1j * speed * self.bow, angle) if self.bow_through_damping else v
-        force = (
-            -path
-            - np.array(self.damping) * damped_v
-            - self.cross * across
-            - self.internal * (v + speed * across)
-            - speed * self.gyroscopic * across_v
-            + driven * self._turning(self.unbalance * speed**2 + self.force_1, angle)
-            + driven * np.array([(f * np.exp(2j * angle)).real for f in self.force_2])
-        )
-        rates = [v, force / self.mass]
-        if self.foundation:
-            stiffness, mass, damping = self.foundation
-            rates += [ground_v, (path - stiffness * ground - damping * ground_v) / mass]
-        return np.concatenate(rates)
+        spring, damping = turn @ np.diag(self.stiffness) @ turn.T, np.array(self.damping)[:, None]
+        across_of = self.sense * np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+        def rate(t: float, flat: np.ndarray) -> np.ndarray:
+            state = flat.reshape(-1, len(driven))
+            q, v = state[0:2], state[2:4]
+            ground, ground_v = (state[4:6], state[6:8]) if self.foundation else (0.0, 0.0)
+            angle = speed * t
+            path = spring @ (q - driven * self._turning(self.bow, angle) - ground)
+            across = across_of @ q
+            damped_v = v - driven * self._turning(1j * speed * self.bow, angle) if self.bow_through_damping else v
+            force = (
+                -path
+                - damping * damped_v
+                - self.cross * across
+                - self.internal * (v + speed * across)
+                - speed * self.gyroscopic * (across_of @ v)
+                + driven * self._turning(self.unbalance * speed**2 + self.force_1, angle)
+                + driven * np.array([[(f * cmath.exp(2j * angle)).real] for f in self.force_2])
+            )
+            rates = [v, force / self.mass]
+            if self.foundation:
+                stiffness, mass, damper = self.foundation
+                rates += [ground_v, (path - stiffness * ground - damper * ground_v) / mass]
+            return np.concatenate(rates).ravel()
+
+        return rate
 
     def waveforms(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """Recorder times of one revolution and the probes' waveforms there, on the periodic orbit."""
         size, period = (8 if self.foundation else 4), 2 * np.pi / speed
 
-        def integrate(start: np.ndarray, driven: float, dense: bool = False):
-            return solve_ivp(self._derivative, (0.0, period), start, method="DOP853", rtol=1e-11, atol=1e-16, args=(speed, driven), dense_output=dense)
+        def integrate(starts: np.ndarray, driven: np.ndarray, dense: bool = False):
+            rate = self._rate(speed, driven)
+            return solve_ivp(rate, (0.0, period), starts.ravel(), method="DOP853", rtol=1e-11, atol=1e-16, dense_output=dense)
 
-        unit = np.column_stack([integrate(column, 0.0).y[:, -1] for column in np.eye(size)])
-        start = np.linalg.solve(np.eye(size) - unit, integrate(np.zeros(size), 1.0).y[:, -1])
-        orbit = integrate(start, 1.0, dense=True).sol
+        free = integrate(np.eye(size, size + 1), np.arange(size + 1) == size).y[:, -1].reshape(size, size + 1)
+        start = np.linalg.solve(np.eye(size) - free[:, :size], free[:, size])
+        orbit = integrate(start, np.ones(1), dense=True).sol
         recorder = np.arange(SAMPLES) * period / SAMPLES
         states = orbit((recorder - self.delay + self.reference / speed) % period)
         seen = []

@@ -18,6 +18,7 @@ from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
 from rotorjax.inference.motions import balanced, first_motions
 from rotorjax.inference.prior import Prior, prior_at, together
+from rotorjax.inference.scan import scan
 from rotorjax.inference.squares import Squares
 from rotorjax.space import Space
 
@@ -147,47 +148,61 @@ def descend(  # noqa: PLR0913
 
     Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
     it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
-    that. A trial whose numbers overflow is not taken. Where no descent of a fit comes to motions that balance, one that began with known
-    motions begins again, where it ended, with motions as measured. ``hopeless``: cost with which a descent does not go on. **Returns** one `End` per start.
+    that. A trial whose numbers overflow is not taken. Where no descent of a fit comes to motions that balance, the lowest begins again: with
+    motions as measured if they were known, then at the best strength of a scan (`rotorjax.inference.scan`). ``hopeless``: cost with which
+    a descent does not go on. **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
     points = np.where(free, np.stack([start.point for start in starts]), space.given_unknowns() if kept is None else kept)
-    timed = [lin.timed(point, own) for point, own in zip(points, free, strict=True)]
+    tasks = [_Task(np.flatnonzero(own), np.asarray(training[k], bool), None if shift is None else shift[k]) for k, own in enumerate(free)]
+    running = _run(lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless)
+    if shift is None:
+        for begin in (_as_measured, _scanned):
+            anew = {k: start for k in _lost(running) if not budget.exhausted and (start := begin(running[k])) is not None}
+            for k, one in zip(anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], manner, hopeless), strict=True):
+                running[k] = min(running[k], one, key=lambda d: (not d.settled, d.cost))
+    return [d.end() for d in running]
+
+
+def _run(lin: Linearisation, starts: list[Start], tasks: "list[_Task]", manner: Manner, hopeless: float) -> "list[_Descent]":
+    """All descents to their ends, or until the budget is spent."""
+    timed = [lin.timed(start.point, np.isin(np.arange(len(start.point)), task.free)) for start, task in zip(starts, tasks, strict=True)]
     known = [start.motions is not None for start in starts]
-    fresh = first_motions(lin, [point for point, orders, near in zip(points, timed, known, strict=True) if orders and not near])
+    fresh = first_motions(lin, [start.point for start, orders, near in zip(starts, timed, known, strict=True) if orders and not near])
     running = []
-    for k, start in enumerate(starts):
-        task = _Task(np.flatnonzero(free[k]), np.asarray(training[k], bool), None if shift is None else shift[k])
+    for k, (start, task) in enumerate(zip(starts, tasks, strict=True)):
         motions = start.motions if known[k] else fresh.pop(0) if timed[k] else None
-        running.append(_Descent(lin, task, manner, Point(points[k], motions if timed[k] else None, known[k]), known=known[k]))
-    kinds = [(d.task.free.tobytes(), d.task.training.tobytes()) for d in running]
+        running.append(_Descent(lin, task, manner, Point(start.point, motions if timed[k] else None, known[k]), known=known[k]))
     while going := [d for d in running if not d.done]:
-        if budget.exhausted and all(d.here is not None for d in going):
+        if lin.budget.exhausted and all(d.here is not None for d in going):
             break
         for one, there in zip(going, _linearised(lin, going, manner), strict=True):
             one.advance(there)
-        if shift is None:
-            _give_up(running, kinds, manner, hopeless)
-    ends = [d.end() for d in running]
-    lost = _lost(ends, known, kinds) if shift is None and not budget.exhausted else []
-    if lost:
-        anew = [Start(ends[k].point) for k in lost]
-        again = descend(space, data, anew, free[lost], np.asarray(training)[lost], budget=budget, kept=kept, manner=manner, hopeless=hopeless)
-        for k, end in zip(lost, again, strict=True):
-            ends[k] = best_of([end, ends[k]])
-    return ends
+        if going[0].task.shift is None:
+            _give_up(running, manner, hopeless)
+    return running
 
 
-def _lost(ends: list[End], known: list[bool], kinds: list[tuple[bytes, bytes]]) -> list[int]:
-    """Of each fit in which no descent ends with motions that balance the lowest that began with known ones: those may have led it astray."""
+def _lost(running: "list[_Descent]") -> list[int]:
+    """Of each fit in which no descent came to motions that balance the lowest."""
     lost = []
-    for kind in dict.fromkeys(kinds):
-        own = [k for k, other in enumerate(kinds) if other == kind]
-        began = [k for k in own if known[k] and math.isfinite(ends[k].cost)]
-        if began and not any(ends[k].exact for k in own):
-            lost.append(min(began, key=lambda k: ends[k].cost))
+    for kind in dict.fromkeys(d.task.kind for d in running):
+        own = [k for k, d in enumerate(running) if d.task.kind == kind]
+        if not any(running[k].settled for k in own):
+            lost.append(min(own, key=lambda k: running[k].cost))
     return lost
+
+
+def _as_measured(one: "_Descent") -> Start | None:
+    """Where a descent ended, with motions as measured, if it began with known ones: those may have led it astray."""
+    return Start(one.here.point.unknowns) if one.known and one.here is not None else None
+
+
+def _scanned(one: "_Descent") -> Start | None:
+    """At the best strength of its force, with the motions there."""
+    found = scan(one.lin, one.trial.unknowns, one.task.free, one.task.training, one.manner.tight)
+    return None if found is None else Start(*found)
 
 
 def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> list[Linearised]:
@@ -202,15 +217,15 @@ def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> 
     return found
 
 
-def _give_up(running: "list[_Descent]", kinds: list[tuple[bytes, bytes]], manner: Manner, hopeless: float) -> None:
+def _give_up(running: "list[_Descent]", manner: Manner, hopeless: float) -> None:
     """End descents that others have left far behind, by costs of motions that balance only."""
-    for cases in {kind[1] for kind in kinds}:
-        own = [d for d, kind in zip(running, kinds, strict=True) if kind[1] == cases]
+    for cases in {d.task.kind[1] for d in running}:
+        own = [d for d in running if d.task.kind[1] == cases]
         most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
         for one in own:
             one.give_up((one.patient and one.data_cost > most) or one.promises_no_less_than(most))
-    for kind in set(kinds):
-        rivals = [d for d, other in zip(running, kinds, strict=True) if other == kind]
+    for kind in {d.task.kind for d in running}:
+        rivals = [d for d in running if d.task.kind == kind]
         if len(rivals) > 1:
             ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
@@ -223,6 +238,11 @@ class _Task(NamedTuple):
     free: Int[np.ndarray, "free"]
     training: Bool[np.ndarray, "case"]
     shift: Float[np.ndarray, "case cell"] | None
+
+    @property
+    def kind(self) -> tuple[bytes, bytes]:
+        """What it has in common with other descents of the same fit: the unknowns, and the cases that count."""
+        return self.free.tobytes(), self.training.tobytes()
 
 
 class _Normal(Squares):
@@ -261,15 +281,16 @@ class _Descent:
     task: _Task
     manner: Manner
     trial: Point
-    known: dataclasses.InitVar[bool]
+    known: bool
+    """Whether it began with motions that balance, or nearly."""
     cost: float = math.inf
     steps: int = 0
     done: bool = False
     result: int = MAX_STEPS
 
-    def __post_init__(self, known: bool) -> None:
+    def __post_init__(self) -> None:
         self.timed = self.trial.motions is not None
-        self.freedom = 0.0 if known or not self.timed else self.manner.first_freedom * self._reach()
+        self.freedom = 0.0 if self.known or not self.timed else self.manner.first_freedom * self._reach()
         self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
@@ -312,8 +333,10 @@ class _Descent:
         gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] if self.here and other.here else np.ones(1)
         return bool(gap @ (other.normal.hessian + np.diag(other.prior.weight)) @ gap < 1.0)
 
-    def _off(self) -> float:
-        freedom = None if self.here is None else self.here.freedom
+    def _off(self, there: Linearised | None = None) -> float:
+        """Standard errors by which what is read is off balance, at most; by default where it is now."""
+        one = there or self.here
+        freedom = None if one is None else one.freedom
         return 0.0 if freedom is None else float(np.max(freedom.off[self.judged], initial=0.0))
 
     def advance(self, there: Linearised) -> None:
@@ -354,7 +377,8 @@ class _Descent:
 
     def _take(self, there: Linearised, first: bool) -> bool:
         """Go on from a trial, if it is better."""
-        if not there.finite:
+        # From motions that balance it never goes on to some that do not.
+        if not there.finite or (self.settled and not first and self._off(there) >= BALANCED):
             return False
         try:
             normal = _Normal(self.lin, there, self.task, self.freedom)

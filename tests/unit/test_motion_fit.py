@@ -192,11 +192,11 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
 
     def along(u, q):
         ready = Ready.of(space.at(u), condition)
-        return real_pair(ready.shown(q, orders)).ravel(), (ready.system.lacking(q) + ready.system.force(q)).ravel()
+        both = real_pair(ready.shown(q, orders)).ravel(), (ready.system.lacking(q) + ready.system.force(q)).ravel()
+        return both, both
 
-    whole_slopes = jax.jit(jax.vmap(jax.jacfwd(along, argnums=(0, 1))))(unknowns, motion)
-    (by_unknown, by_motion), (force_by_unknown, force_by_motion) = jax.tree.map(np.asarray, whole_slopes)
-    shown, force = jax.tree.map(np.asarray, jax.vmap(along)(unknowns, motion))
+    differentiated = jax.jit(jax.vmap(jax.jacfwd(along, argnums=(0, 1), has_aux=True)))(unknowns, motion)
+    ((by_unknown, by_motion), (force_by_unknown, force_by_motion)), (shown, force) = jax.tree.map(np.asarray, differentiated)
     for first in range(0, count, COLUMNS):
         columns = np.where(np.arange(first, first + COLUMNS) < count, np.arange(first, first + COLUMNS), -1)
         rows = Rows(unknowns, np.tile(columns, (3, 1)), np.full(3, 200.0), np.full((3, 1, 2), 1e-5), np.zeros((3, 2)))
@@ -250,6 +250,7 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
 
     monkeypatch.setattr(Linearisation, "at", unbounded)
     monkeypatch.setattr(descent, "first_motions", lambda lin, points: [lin.at_rest for _ in points])
+    monkeypatch.setattr(descent, "scan", lambda *_: None)
     (end,) = descend(space, data, [Start(unknowns_at(space, duffing__cubic_n_per_m3=true))], free, every, budget=Budget(), manner=QUICK)
     assert end.result == NOT_FINITE
     assert not end.exact
