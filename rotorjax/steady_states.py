@@ -22,7 +22,7 @@ from rotorjax.assembly import true_speed
 from rotorjax.harmonic import BALANCED, NOT_BALANCED, SAMPLES, SMALLEST_MOTION, UNSTABLE, Coefficients, Grid, in_full, make_grid, settled, to_complex, to_real
 from rotorjax.in_time import Linear, linear_in_time, reached
 from rotorjax.model import AbstractRotor, Conditions, Model, RestoringEffect
-from rotorjax.response import vectors
+from rotorjax.response import TOGETHER, vectors
 from rotorjax.restoring_forces import restoring
 from rotorjax.steady import Ready, by_order, fraction_push, slopes_along, timed_vectors
 
@@ -291,6 +291,16 @@ def _found(model: Model, conditions: Conditions) -> _Found:
     return jax.vmap(lambda condition: (_balanced if restoring(model) else _alone)(model, condition))(conditions)
 
 
+def _all_found(model: Model, conditions: Conditions) -> _Found:
+    """Steady states of all cases; where orders depend on one another a few at a time, so that one program serves any number of cases."""
+    if not restoring(model):
+        return _found(model, conditions)
+    count = len(conditions.speed)
+    indices = [np.minimum(np.arange(first, first + TOGETHER), count - 1) for first in range(0, count, TOGETHER)]
+    every = [_found(model, jax.tree.map(operator.itemgetter(index), conditions)) for index in indices]
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *every)
+
+
 def _multiplier(monodromy: Float[np.ndarray, "state state"]) -> float:
     """Its largest absolute eigenvalue; infinite where the matrix is too large for its numbers."""
     return float(np.max(np.abs(np.linalg.eigvals(monodromy)))) if np.all(np.isfinite(monodromy)) else math.inf
@@ -379,7 +389,7 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3.
     """
     model = model if isinstance(model, Model) else Model(model)
-    found, timed = _found(model, conditions), bool(restoring(model))
+    found, timed = _all_found(model, conditions), bool(restoring(model))
     cases = _cases(found)
     others: tuple[tuple[SteadyState, ...], ...] = ((),) * len(cases)
     if timed:

@@ -27,7 +27,7 @@ def pytest_configure(config):
     jax.config.update("jax_compilation_cache_dir", folder)
 
 
-SERIES = ("crosscode", "measured", "recovery")
+SERIES = ("crosscode", "measured", "paper", "recovery")
 """Folders whose tests run code over and over that the others run with shapes checked: the checks took a third of their time."""
 
 

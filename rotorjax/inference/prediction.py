@@ -72,7 +72,7 @@ def _nearest(wanted: States, known: States) -> Int[np.ndarray, "state"]:
     distance = np.zeros((len(wanted.speed), len(known.speed)))
     for one, other in zip(wanted[:3], known[:3], strict=True):
         here, there = one.reshape(len(one), -1), other.reshape(len(other), -1)
-        distance += np.linalg.norm(here[:, None] - there[None], axis=2) / max(float(np.abs(there).max()), 1e-300)
+        distance += np.linalg.norm(here[:, None] - there[None], axis=2) / (float(np.abs(there).max()) or 1.0)
     return np.argmin(distance, axis=1)
 
 

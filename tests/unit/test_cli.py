@@ -281,7 +281,7 @@ def test_simulate_says_what_speaks_against_the_values(tmp_path, capsys):
     """A stop that the weight reaches; a rotor that excites itself; a crack deeper than the shaft; a stop so near that no steady state is found."""
     _, toml = write(tmp_path)
     toml.write_text(toml.read_text(encoding="utf-8").replace("[rotor]", '[rotor]\ngravity = "-y"', 1), encoding="utf-8")
-    common = ("simulate", "--rig", toml, "--speeds", "500:900:2", "--output", tmp_path / "made.csv")
+    common = ("simulate", "--rig", toml, "--speeds", "500:900:3", "--output", tmp_path / "made.csv")
     assert run(*common, "--effect", "clearance:stiffness_n_per_m=2e3,inverse_gap_per_m=1e4") == 0
     assert "the rotor lies in it even at rest" in capsys.readouterr().out
     assert run(*common, "--effect", "cross_coupling:cross_stiffness_n_per_m=1e5") == 0
