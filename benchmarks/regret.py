@@ -54,7 +54,7 @@ from hidden import Plan
 Truth = Mapping[str, Mapping[str, float]]
 """Effect -> label -> value in SI."""
 
-EFFECT_SEEDS, FORCE_SEEDS = (126, 300, 313, 513, 563, 584, 682, 781), (205, 425)
+EFFECT_SEEDS, FORCE_SEEDS = (126, 300, 313, 513, 563, 584, 682, 781, 1356), (205, 425)
 RESTORING = tuple(name for name, cls in CATALOG.items() if issubclass(cls, RestoringEffect))
 WEIGHTS = {"baseline": 4e-6, "trial-a": 30e-6, "trial-b": 30e-6 * np.exp(2.1j), "trial-c": 20e-6 * np.exp(-1.5j)}
 """Unbalance installed in each run [kg m]."""
