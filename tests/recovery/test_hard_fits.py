@@ -25,7 +25,7 @@ LEAST = {126: 11.02, 300: 64.23, 313: 78.59, 513: 66.30, 563: 173.64, 584: 176.4
 """Seed of drawn effects -> cost of a descent that begins at the truth (`benchmarks/regret.py`)."""
 LEAST_OF_FORCES = {205: ("term_dead_band_y", 83.62), 425: ("term_dry_friction_x", 120.83)}
 """The same of forces outside the catalogue, with the term that each is."""
-SLOW = (313, 425, 563, 781)
+SLOW = (313, 425, 563, 781, 1356)
 """Seeds of friction whose motion takes half a minute to integrate: in the campaign."""
 
 

@@ -19,6 +19,7 @@ from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Budget, Linearisation, Point
 from rotorjax.inference.noise import NO_NOISE
 from rotorjax.inference.prediction import predict
+from rotorjax.inference.scan import scan
 from rotorjax.measurement import Knowledge
 from rotorjax.space import Space, make_space, with_company
 from rotorjax.steady import Ready
@@ -235,6 +236,21 @@ def test_a_fit_that_known_motions_led_astray_begins_again_with_those_measured(sp
     assert found.cost == pytest.approx(descend(space, data, [Start(start.point)], free, every, budget=Budget(), manner=QUICK)[0].cost, abs=0.1)
     monkeypatch.setattr(descent, "_lost", lambda *_: [])
     assert not ended().exact, "these motions do lead astray"
+
+
+def test_a_scan_follows_the_motion_to_the_strength_that_is_there(spring):
+    """Strengths are half as far apart as they are large; of two forces together none is the strength."""
+    _, measurement, space, data, _ = spring
+    one, two = (np.flatnonzero(space.free(names)) for names in (["coulomb_friction"], ["duffing", "coulomb_friction"]))
+    (unknown,), nothing, every = one, np.zeros(len(space.entries)), np.ones(len(measurement.run), bool)
+    held = np.where(np.arange(len(nothing)) == unknown, 2.0, 0.0)
+    shown = predict(space, measurement.conditions, held, budget=Budget()).shown
+    lin = Linearisation(space, data._replace(pairs=np.stack([shown.real, shown.imag], axis=-1)), Budget())
+    point, motions = scan(lin, nothing, one, every, QUICK.tight)
+    assert 2.0 / 1.5 < point[unknown] < 2.0 * 1.5
+    (there,) = lin.at([Point(point, motions, refined=True)], [one])
+    assert np.all(there.freedom.off <= QUICK.tight)
+    assert scan(lin, nothing, two, every, QUICK.tight) is None
 
 
 def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring, monkeypatch):
