@@ -173,10 +173,13 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
     return winner - small, noise
 
 
-def _told(contest: Contest, most: int, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race]) -> Selection:
+def _told(
+    contest: Contest, most: int, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race], later: frozenset[Effects] = frozenset()
+) -> Selection:
     """The story of a set: its effects in the order in which each next one brings the most, with the race at every step.
 
     What was too small to matter beside less, and matters now, is one of them, as long as there are no more than the ``most``.
+    **Arguments:** ``later``: sets that the table has from after the races ``seen``.
     """
     whole = table[present | small]
     for name in sorted(small):
@@ -189,7 +192,7 @@ def _told(contest: Contest, most: int, present: Effects, small: Effects, table: 
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
         race = seen[base] if base in seen else forward(contest, base, table, _next_left(contest, base, present, table, noise))
-        table.update(race.contenders)
+        table.update({effects: c for effects, c in race.contenders.items() if base not in seen or effects not in later})
         races.append(race)
         if done:
             return Selection(contest, tuple(order), tuple(sorted(small)), most, tuple(races), table)
@@ -208,7 +211,7 @@ def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
     small = frozenset(selection.small) & present
     seen = {min(race.contenders, key=len): race for race in selection.races}
-    return _told(selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen)
+    return _told(selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen, frozenset(found))
 
 
 def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> bool:

@@ -84,6 +84,8 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
     _fit_where_open(contest, selection, noise, list(itertools.chain(*swaps.values())), found, winner)
+    special = _special_cases(contest, winner)
+    found.update(race(contest, noise, list(special), {**selection.known, **found}, also=special))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
@@ -99,6 +101,23 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         elif gap < TIE or other.effects in leads:
             tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner, found)
+
+
+def _special_cases(contest: Contest, winner: Contender) -> Known:
+    """The winner with effects in the place of those whose special cases they are, a clearance in that of a rub: parameters of the same name have its values."""
+    found: Known = {}
+    entries = {effect: {e.label: e for e in contest.space.entries if e.effect == effect} for effect in (*winner.effects, *contest.candidates)}
+    for gone in sorted(winner.effects & contest.timed):
+        for name in contest.candidates:
+            if name in winner.effects or not entries[name].keys() < entries[gone].keys():
+                continue
+            point = np.where(contest.only_of([gone]), 0.0, winner.best.point)
+            for label, own in entries[name].items():
+                there = entries[gone][label]
+                point[own.unknown] = winner.best.point[there.unknown] * there.scale / own.scale
+            effects = winner.effects - {gone} | {name}
+            found[effects] = Contender(effects, (winner.best._replace(point=point),), -math.inf, winner.noise)
+    return found
 
 
 def _fit_where_open(contest: Contest, selection: Selection, noise: Noise, sets: list[Effects], found: Known, winner: Contender) -> None:

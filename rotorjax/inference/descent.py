@@ -297,6 +297,7 @@ class _Descent:
         self.here: Linearised | None = None
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
         self.normal: _Normal | None = None
+        self.best: tuple[Linearised, _Normal, Prior, float] | None = None
         self.since = self.stalled = 0
         self.promised = self.decrement = self.foreseen = 0.0
 
@@ -333,10 +334,9 @@ class _Descent:
         gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] if self.here and other.here else np.ones(1)
         return bool(gap @ (other.normal.hessian + np.diag(other.prior.weight)) @ gap < 1.0)
 
-    def _off(self, there: Linearised | None = None) -> float:
-        """Standard errors by which what is read is off balance, at most; by default where it is now."""
-        one = there or self.here
-        freedom = None if one is None else one.freedom
+    def _off(self) -> float:
+        """Standard errors by which what is read is off balance, at most."""
+        freedom = None if self.here is None else self.here.freedom
         return 0.0 if freedom is None else float(np.max(freedom.off[self.judged], initial=0.0))
 
     def advance(self, there: Linearised) -> None:
@@ -377,8 +377,7 @@ class _Descent:
 
     def _take(self, there: Linearised, first: bool) -> bool:
         """Go on from a trial, if it is better."""
-        # From motions that balance it never goes on to some that do not.
-        if not there.finite or (self.settled and not first and self._off(there) >= BALANCED):
+        if not there.finite:
             return False
         try:
             normal = _Normal(self.lin, there, self.task, self.freedom)
@@ -390,6 +389,8 @@ class _Descent:
         if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
             return False
         self.here, self.normal, self.prior, self.cost = there, normal, prior, cost
+        if self.timed and there.point.refined and self.settled and (self.best is None or cost < self.best[-1]):
+            self.best = there, normal, prior, cost
         return True
 
     def _slack(self) -> float:
@@ -476,6 +477,9 @@ class _Descent:
 
     def end(self) -> End:
         """Where it is now."""
+        if self.best is not None and not self.settled:
+            # It went on from motions that balance, and came to some that do not.
+            self.here, self.normal, self.prior, self.cost = self.best
         lin, here, free = self.lin, self.here, self.task.free
         if here is None or not math.isfinite(self.cost):
             shape = lin.data.pairs.shape
