@@ -17,9 +17,9 @@ from rotorjax._core import COARSE, CONVERGED, FINE, FIRST_DAMPING, MAX_STEPS, NO
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
 from rotorjax.inference.motions import balanced, first_motions
+from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
 from rotorjax.inference.scan import scan
-from rotorjax.inference.squares import Squares
 from rotorjax.space import Space
 
 HOPELESS = 300.0
@@ -155,7 +155,7 @@ def descend(  # noqa: PLR0913
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
     points = np.where(free, np.stack([start.point for start in starts]), space.given_unknowns() if kept is None else kept)
-    tasks = [_Task(np.flatnonzero(own), np.asarray(training[k], bool), None if shift is None else shift[k]) for k, own in enumerate(free)]
+    tasks = [Task(np.flatnonzero(own), np.asarray(training[k], bool), None if shift is None else shift[k]) for k, own in enumerate(free)]
     running = _run(lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless)
     if shift is None:
         for begin in (_as_measured, _scanned):
@@ -165,7 +165,7 @@ def descend(  # noqa: PLR0913
     return [d.end() for d in running]
 
 
-def _run(lin: Linearisation, starts: list[Start], tasks: "list[_Task]", manner: Manner, hopeless: float) -> "list[_Descent]":
+def _run(lin: Linearisation, starts: list[Start], tasks: "list[Task]", manner: Manner, hopeless: float) -> "list[_Descent]":
     """All descents to their ends, or until the budget is spent."""
     timed = [lin.timed(start.point, np.isin(np.arange(len(start.point)), task.free)) for start, task in zip(starts, tasks, strict=True)]
     known = [start.motions is not None for start in starts]
@@ -232,53 +232,12 @@ def _give_up(running: "list[_Descent]", manner: Manner, hopeless: float) -> None
                 one.give_up(one.patient and (place >= manner.rivals or any(one.joins(other) for other in ranked[:place])))
 
 
-class _Task(NamedTuple):
-    """What sets one descent apart from the others."""
-
-    free: Int[np.ndarray, "free"]
-    training: Bool[np.ndarray, "case"]
-    shift: Float[np.ndarray, "case cell"] | None
-
-    @property
-    def kind(self) -> tuple[bytes, bytes]:
-        """What it has in common with other descents of the same fit: the unknowns, and the cases that count."""
-        return self.free.tobytes(), self.training.tobytes()
-
-
-class _Normal(Squares):
-    """The normal equations of one linearisation under one freedom of the motions."""
-
-    def __init__(self, lin: Linearisation, one: Linearised, task: _Task, freedom: float) -> None:
-        self.one, self.task, self.freedom = one, task, freedom if one.freedom is not None else 0.0
-        counted = task.training[:, None]
-        error = (one.error if task.shift is None else one.error + task.shift) * counted
-        slopes, scatter = one.slopes * counted[..., None], lin.data.scatter * counted[..., None]
-        self._factor = None
-        if self.freedom > 0.0 and one.freedom is not None:
-            reach = self.freedom * one.freedom.reach * counted[..., None]
-            self._factor = np.linalg.cholesky(np.eye(reach.shape[1]) + reach @ np.swapaxes(reach, 1, 2))
-            error = np.linalg.solve(self._factor, error[..., None])[..., 0]
-            slopes, scatter = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, scatter)
-        super().__init__(lin.data, error, slopes, scatter)
-
-    def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "state motion"]:
-        """How the motions move with a step of the parameters."""
-        free = self.one.freedom
-        assert free is not None
-        moved = -(free.newton + free.newton_slopes @ step)
-        if self._factor is not None:
-            pull = np.linalg.solve(np.swapaxes(self._factor, 1, 2), self.left(step)[..., None])[..., 0] * self.task.training[:, None]
-            force = self.freedom**2 * np.swapaxes(free.reach, 1, 2) @ pull[..., None]
-            moved[: len(force)] -= (free.by_force @ force)[..., 0]
-        return moved
-
-
 @dataclasses.dataclass
 class _Descent:
     """One descent under way."""
 
     lin: Linearisation
-    task: _Task
+    task: Task
     manner: Manner
     trial: Point
     known: bool
@@ -296,8 +255,8 @@ class _Descent:
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
         self.here: Linearised | None = None
         self.prior = Prior(0.0, np.ones(len(self.task.free)))
-        self.normal: _Normal | None = None
-        self.best: tuple[Linearised, _Normal, Prior, float] | None = None
+        self.normal: Normal | None = None
+        self.best: tuple[Linearised, Normal, Prior, float] | None = None
         self.since = self.stalled = 0
         self.promised = self.decrement = self.foreseen = 0.0
 
@@ -380,7 +339,7 @@ class _Descent:
         if not there.finite:
             return False
         try:
-            normal = _Normal(self.lin, there, self.task, self.freedom)
+            normal = Normal(self.lin, there, self.task, self.freedom)
         except np.linalg.LinAlgError:
             # Motions that answer a force without bound.
             return False
@@ -410,7 +369,7 @@ class _Descent:
         while self.freedom > 0.0:
             self.freedom *= self.manner.firmer
             self.freedom = 0.0 if self.freedom * size < self.manner.firm else self.freedom
-            self.normal = _Normal(self.lin, self.here, self.task, self.freedom)
+            self.normal = Normal(self.lin, self.here, self.task, self.freedom)
             self.cost = self.normal.cost + self.prior.cost
             # More than enough freedom explains anything, and leaves the parameters to their prior.
             if self.normal.cost > enough:
@@ -486,7 +445,7 @@ class _Descent:
             nothing = Local(np.full((lin.cases, math.prod(shape[1:])), np.nan), np.zeros((lin.cases, math.prod(shape[1:]), len(free))))
             shown, prior = np.full(shape[:-1], np.nan + 0j), Prior(0.0, np.ones(len(free)))
             return End(self.trial.unknowns, math.inf, free, np.eye(len(free)), prior, nothing, shown, None, self.steps, NOT_FINITE, False)
-        normal = self.normal if self.freedom == 0.0 and self.normal else _Normal(lin, here, self.task, 0.0)
+        normal = self.normal if self.freedom == 0.0 and self.normal else Normal(lin, here, self.task, 0.0)
         curvature = normal.hessian + np.diag(self.prior.weight)
         error = here.error if self.task.shift is None else here.error + self.task.shift
         exact = not self.timed or (self._off() < BALANCED and here.point.refined)
