@@ -92,7 +92,7 @@ def main() -> None:
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
-    print("Every measurement is explained, with a report for each: some four minutes on two cores, half of it the measured vectors.\n", flush=True)
+    print("Every measurement is explained, with a report for each: some two minutes on two cores, a third of it the measured vectors.\n", flush=True)
     arguments.output.mkdir(parents=True, exist_ok=True)
     with as_file(files("rotorjax") / "data") as data:
         rk4 = real(data, arguments.output)

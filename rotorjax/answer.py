@@ -8,7 +8,7 @@ from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import DETECTED, Ranked
+from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.report import Page, Picture, findings, measurement_line, share_table, step_json, step_tables, view_json, worst_cells
@@ -276,7 +276,7 @@ def ranking_tables(found: Explanation) -> list[Table]:
 
 
 def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
-    if next(r.probability for r in ranked if r.effect == "none") >= DETECTED:
+    if none_left(ranked) >= DETECTED:
         return f'Nothing is added while "none" has a probability of {100.0 * DETECTED:g} % or more.'
     if _would_be_next(found) is not None:
         return f"No more than {found.max_effects} effects were to be added."

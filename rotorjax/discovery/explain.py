@@ -119,7 +119,7 @@ class Explanation:
     def more(self) -> tuple[Ranked, ...]:
         """What would be added next, where "none" is improbable: the effects that together make it so, the most probable first; else nothing."""
         last = self.rankings[-1]
-        if next(r.probability for r in last if r.effect == "none") >= DETECTED:
+        if none_left(last) >= DETECTED:
             return ()
         return tuple(r for r in last if r.effect != "none" and r.probability >= DETECTED)
 
@@ -319,7 +319,8 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
         structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
     if structure:
         return "unexplained"
-    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(contest, selection) < DETECTED:
+    further = ranking(contest, selection.races[-1], selection.present)
+    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < DETECTED:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
 

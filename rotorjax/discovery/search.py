@@ -68,10 +68,9 @@ def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
     return sorted(ranked, key=lambda r: (-r.probability, -r.log_evidence))
 
 
-def none_left(contest: Contest, selection: Selection) -> float:
-    """Probability that nothing is missing beside the answer."""
-    last = selection.races[-1]
-    return next(r.probability for r in ranking(contest, last, min(last.contenders, key=len)) if r.effect == "none")
+def none_left(ranked: Iterable[Ranked]) -> float:
+    """Probability that nothing is to be added."""
+    return next(r.probability for r in ranked if r.effect == "none")
 
 
 def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) -> Selection:
@@ -92,7 +91,7 @@ def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) 
         race = seen[present | small] = forward(contest, present | small, table, noise)
         table.update(race.contenders)
         leader = ranking(contest, race, present | small)
-        none = next(r.probability for r in leader if r.effect == "none")
+        none = none_left(leader)
         # Where several share what "none" lacks, the best of them must be detected by itself.
         alone = max((r.probability for r in leader if r.effect != "none"), default=0.0)
         done = none >= DETECTED or alone * DETECTED < none * (1.0 - DETECTED)
