@@ -22,7 +22,9 @@ hidden   neuron of a network's hidden layer
 ======== ==========================================================
 """
 
+import ctypes
 import math
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +33,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jaxtyping import ArrayLike, Bool, Complex, Float, Int
 
 Numbers = ArrayLike | Sequence[Any]
@@ -102,6 +105,12 @@ def forget_compiled() -> None:
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()
+
+
+def release_freed_memory() -> None:
+    """Return to the system what a compilation has freed, some hundred MB, where the C library is glibc: it keeps that for each thread apart."""
+    if sys.platform == "linux" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
+        trim(0)
 
 
 FIRST_DAMPING = 1e-2
@@ -224,6 +233,16 @@ def numpy_pair(vector: Complex[np.ndarray, "*shape"]) -> Float[np.ndarray, "*sha
     return np.stack([np.real(vector), np.imag(vector)], axis=-1)
 
 
+def is_known(*values: Any) -> bool:
+    """Whether these are numbers, not stand-ins for them while a function is traced."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
 def as_float(value: Numbers) -> Array:
     """Number or nested numbers -> floating array of JAX's default precision."""
-    return jnp.asarray(value, dtype=float)
+    return as_array(np.array(value, dtype=jnp.result_type(float))) if is_known(value) else jnp.asarray(value, dtype=float)
+
+
+def as_array(value: np.ndarray) -> Array:
+    """An array of JAX's with these numbers: unlike `jnp.asarray`, it compiles nothing for their shape."""
+    return jax.device_put(value)

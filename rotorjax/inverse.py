@@ -4,18 +4,13 @@ import dataclasses
 import math
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
-from rotorjax._core import MICROMETRE, RPM, numpy_pair, real_pair, require_float64
-from rotorjax.effects import PlaneParticipation
+from rotorjax._core import MICROMETRE, RPM, numpy_pair, require_float64
+from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance, response_to
 from rotorjax.measurement import Measurement
 from rotorjax.model import Conditions, Model
-from rotorjax.response import response, vectors
 from rotorjax.space import Space, make_space, with_company
 
 HEALTHY_SPREADS = 4.0
@@ -117,44 +112,6 @@ class _Rows(NamedTuple):
     slopes: Float[np.ndarray, "cell 4"]
     others: Float[np.ndarray, "cell param"]
     weight: Float[np.ndarray, "cell"]
-
-
-def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:
-    """Derivative of real and imaginary parts by (U_x, U_y, s_x, s_y) on the disk [m per kg m, m per m].
-
-    The response is linear in them, so that a difference over a large step is exact but for rounding.
-    """
-    return np.array(_sensitivity(model, conditions))
-
-
-@eqx.filter_jit
-def _sensitivity(model: Model, conditions: Conditions) -> Float[Array, "case probe order 2 4"]:
-    def driven(fault: Float[Array, "4"]) -> Float[Array, "case probe order 2"]:
-        unbalance = jnp.zeros(conditions.unbalance.shape).at[:, 0].set(fault[:2])
-        bow = jnp.broadcast_to(fault[2:], conditions.bow.shape)
-        return real_pair(vectors(model, Conditions(conditions.speed, unbalance, bow)))
-
-    model = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
-    none = driven(jnp.zeros(4))
-    return jnp.moveaxis(jax.vmap(driven)(jnp.eye(4)) - none[None], 0, -1)
-
-
-def response_to(model: Model, conditions: Conditions, faults: Float[np.ndarray, "case 4"]) -> Complex[np.ndarray, "case probe order"]:
-    """The response with these faults (U_x, U_y, s_x, s_y) on the disk instead of what is installed."""
-    spread = np.zeros(conditions.unbalance.shape)
-    spread[:, 0] = faults[:, :2]
-    on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
-    return np.asarray(response(on_disk, Conditions(conditions.speed, jnp.asarray(spread), jnp.asarray(faults[:, 2:]))))
-
-
-def installed_faults(model: Model, measurement: Measurement) -> Float[np.ndarray, "run 4"]:
-    """What was installed in each run as one fault (U_x, U_y, s_x, s_y) on the disk, the planes' participation counted."""
-    participation = np.asarray(model.participation).copy()
-    if (error := model.find(PlaneParticipation.name)) is not None:
-        participation[1:] *= 1.0 + np.asarray(error.values()[0])
-    first = [int(np.argmax(measurement.run == run)) for run in range(len(measurement.runs))]
-    unbalance = np.asarray(measurement.conditions.unbalance)[first]
-    return np.concatenate([np.sum(unbalance * participation[:, None], axis=1), np.asarray(measurement.conditions.bow)[first]], axis=1)
 
 
 def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ...] = ()) -> Diagnosis:
@@ -316,12 +273,6 @@ def _shifted(solution: _Solution, inherent: _Solution) -> _Solution:
         covariance=solution.covariance + inherent.covariance,
         alone=Fault(solution.alone.pair - inherent.alone.pair, solution.alone.covariance),
     )
-
-
-def polar_covariance(pair: Float[np.ndarray, "dof"], relative: float, angle: float) -> Float[np.ndarray, "dof dof"]:
-    """Covariance of a vector known to a relative error along and an angle [rad] across."""
-    across = np.array([-pair[1], pair[0]])
-    return relative**2 * np.outer(pair, pair) + angle**2 * np.outer(across, across)
 
 
 def _judge(run: str, solution: _Solution, model: Model, measurement: Measurement, index: int) -> RunDiagnosis:

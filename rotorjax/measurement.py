@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
@@ -189,10 +188,10 @@ def arrange(rows: list[Row], *, runs: Mapping[str, Installed], probes: tuple[str
         vectors[cell] = MICROMETRE * row.amplitude_um * np.exp(1j * DEGREE * row.phase_deg)
         present[cell] = True
         sigma[cell] = np.nan if row.sigma_um is None else MICROMETRE * row.sigma_um
-    conditions = Conditions(
-        jnp.asarray([RPM * speed for _, speed, _ in cases], dtype=float),
-        jnp.asarray(np.stack([runs[run].unbalance for run, _, _ in cases])),
-        jnp.asarray(np.stack([runs[run].bow for run, _, _ in cases])),
+    conditions = Conditions.at_rpm(
+        [speed for _, speed, _ in cases],
+        unbalance=np.stack([runs[run].unbalance for run, _, _ in cases]),
+        bow=np.stack([runs[run].bow for run, _, _ in cases]),
     )
     given = not np.isnan(sigma[present]).any()
     index = np.array([used.index(run) for run, _, _ in cases])

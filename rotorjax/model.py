@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float, Int
 
-from rotorjax._core import RPM, Numbers, Unit, as_float, unit_of
+from rotorjax._core import RPM, Numbers, Unit, as_float, is_known, unit_of
 
 if TYPE_CHECKING:
     # A type checker takes equinox's own for instance variables.
@@ -96,6 +96,11 @@ def parameter(meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, 
     return eqx.field(default=0.0, converter=as_float, metadata={"parameter": (meaning, scale, of, axes)})
 
 
+@eqx.filter_jit
+def _damping(rotor: "AbstractRotor") -> Float[Array, "dof"]:
+    return rotor.damping
+
+
 class AbstractRotor(eqx.Module):
     """A rotor as one station with two lateral degrees of freedom: nominal, before any effect."""
 
@@ -118,7 +123,7 @@ class AbstractRotor(eqx.Module):
         mass, stiffness = float(self.mass), float(np.mean(np.asarray(self.stiffness)))
         frequency = math.sqrt(stiffness / mass)
         eccentricity = BALANCE_GRADE / frequency
-        damping = max(float(np.mean(np.asarray(self.damping))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass))
+        damping = max(float(np.mean(np.asarray(_damping(self)))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass))
         return {
             "one": 1.0,
             "mass": mass,
@@ -244,7 +249,7 @@ class Effect(eqx.Module):
             if value.shape not in ((), shape):
                 named = ", ".join(declared.labels(layout))
                 raise ValueError(f"{self.name}: {declared.name} has shape {value.shape}; give one number, or one each for {named}")
-            values.append(value if value.shape == shape else jnp.broadcast_to(value, shape))
+            values.append(value if value.shape == shape else as_float(np.broadcast_to(value, shape)) if is_known(value) else jnp.broadcast_to(value, shape))
         return self.replaced(values)
 
     def replaced(self, values: list[Array]) -> "Effect":
@@ -386,17 +391,19 @@ class Conditions(eqx.Module):
         **Arguments:** ``speed`` [rad/s], a number or an array; ``unbalance`` [kg m], last axes (plane, dof), or
         (dof,) for a single plane; ``bow`` [m], last axis (dof,). Both are repeated over the speeds where needed.
         """
-        omega = jnp.atleast_1d(as_float(speed))
-        mass_distance, offset = as_float(unbalance), as_float(bow)
+        # For numbers nothing need be compiled.
+        numbers, array = (np, np.asarray) if is_known(speed, unbalance, bow) else (jnp, as_float)
+        omega, mass_distance, offset = numbers.atleast_1d(array(speed)), array(unbalance), array(bow)
         if mass_distance.ndim < 2:
-            mass_distance = jnp.broadcast_to(mass_distance, (1, 2))
+            mass_distance = numbers.broadcast_to(mass_distance, (1, 2))
         planes = mass_distance.shape[-2:]
-        return cls(omega, jnp.broadcast_to(mass_distance, (*omega.shape, *planes)), jnp.broadcast_to(offset, (*omega.shape, 2)))
+        spread = numbers.broadcast_to(mass_distance, (*omega.shape, *planes)), numbers.broadcast_to(offset, (*omega.shape, 2))
+        return cls(*map(as_float, (omega, *spread)))
 
     @classmethod
     def at_rpm(cls, speed_rpm: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
         """The same with speeds in revolutions per minute."""
-        return cls.at(as_float(speed_rpm) * RPM, unbalance=unbalance, bow=bow)
+        return cls.at((np.asarray if is_known(speed_rpm) else as_float)(speed_rpm) * RPM, unbalance=unbalance, bow=bow)
 
 
 class Probes(eqx.Module):

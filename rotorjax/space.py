@@ -11,7 +11,7 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
-from rotorjax._core import Unit, unit_of
+from rotorjax._core import Unit, as_array, unit_of
 from rotorjax.effects import CATALOG
 from rotorjax.measurement import Knowledge
 from rotorjax.model import Effect, Model, RestoringEffect, WaveformEffect
@@ -80,7 +80,7 @@ class Space(eqx.Module):
         """`at` for known numbers, outside compiled code; without forces depending on motion that are at their null."""
         leaves, structure = jax.tree.flatten(self.model.effects)
         parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
-        effects = [jnp.asarray(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
+        effects = [as_array(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
         full = eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
         timed = [e for e in full.effects if isinstance(e, RestoringEffect | WaveformEffect)]
         return full.without(*(e.name for e in timed if not any(np.any(np.asarray(v)) for v in e.values())))
@@ -152,11 +152,11 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
     declared = np.array([e.declared_uncertain for e in entries], dtype=bool)
     return Space(
         model,
-        jnp.asarray(np.where(declared, _given(model), 0.0)),
-        jnp.asarray(np.array([e.scale for e in entries], dtype=float)),
-        jnp.asarray(np.array([e.logarithmic for e in entries], dtype=bool)),
-        jnp.asarray(np.array([e.unknown for e in entries], dtype=int)),
-        jnp.asarray(_open_sizes(model, knowledge, entries)),
+        as_array(np.where(declared, _given(model), 0.0)),
+        as_array(np.array([e.scale for e in entries], dtype=float)),
+        as_array(np.array([e.logarithmic for e in entries], dtype=bool)),
+        as_array(np.array([e.unknown for e in entries], dtype=int)),
+        as_array(_open_sizes(model, knowledge, entries)),
         tuple(entries),
     )
 

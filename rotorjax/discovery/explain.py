@@ -22,10 +22,10 @@ from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inference.descent import QUICK, Start, best_of, descend
+from rotorjax.inference.faults import fault_sensitivity, installed_faults
 from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import NO_SCATTER, Noise
 from rotorjax.inference.prediction import predict
-from rotorjax.inverse import fault_sensitivity, installed_faults
 from rotorjax.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.model import AbstractRotor, Effect, Model
 from rotorjax.response import response

@@ -8,22 +8,17 @@ import dataclasses
 import itertools
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import MICROMETRE, AnyArray, require_float64
-from rotorjax._planar import Vector
-from rotorjax.assembly import true_speed
+from rotorjax._core import MICROMETRE, require_float64
 from rotorjax.effects.terms import Reach
-from rotorjax.harmonic import Grid, make_grid, to_real
+from rotorjax.harmonic import Grid, make_grid
 from rotorjax.inference.force_balance import ForceBalance
+from rotorjax.inference.linear_rotor import LinearRotor, Sight
 from rotorjax.measurement import Measurement
-from rotorjax.model import Conditions, Model, WaveformEffect
-from rotorjax.response import response
-from rotorjax.steady import by_order, in_space, positions, without_timed
+from rotorjax.model import Model, WaveformEffect
+from rotorjax.steady import positions
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
@@ -101,36 +96,6 @@ class Balance(NamedTuple):
         return int(np.count_nonzero(np.any(self.whitening != 0.0, axis=2)))
 
 
-class _Sight(NamedTuple):
-    """How the probes see the disk: z / turn = along q + rest."""
-
-    along: Complex[AnyArray, "case order probe dof"]
-    rest: Complex[AnyArray, "case order probe"]
-    turn: Complex[AnyArray, "case order"]
-    free: Float[AnyArray, "case dof coefficient"]
-    """Motion of the linear rotor."""
-    speed: Float[AnyArray, "case"]
-
-
-@eqx.filter_jit
-def _sight(model: Model, conditions: Conditions) -> _Sight:
-    grid = make_grid(model.layout.orders)
-    whole = without_timed(model).with_orders(grid.orders)
-    index = jnp.array(positions(model.layout.orders, grid))
-
-    def one(condition: Conditions) -> _Sight:
-        condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
-        assembled, chain = by_order(whole, condition, grid)
-        sensed = jax.vmap(lambda part, link, disk: link.sensed(whole.probes, part.motion_of(disk)))
-        zero, unit = jnp.zeros(len(grid.orders), complex), jnp.ones(len(grid.orders), complex)
-        rest = sensed(assembled, chain, Vector(zero, zero))
-        along = jnp.stack([sensed(assembled, chain, disk) - rest for disk in (Vector(unit, zero), Vector(zero, unit))], axis=-1)
-        turn = chain.turn + jnp.zeros(len(grid.orders), complex)
-        return _Sight(along[index], rest[index], turn[index], to_real(in_space(assembled.motion().disk)), condition.speed)
-
-    return jax.vmap(one)(conditions)
-
-
 def missing_force(model: Model, measurement: Measurement, noise_allowance: float = 0.0) -> MissingForce:
     """The force that acts on the rotor beside the model, R = D q + N(q) - F, per case and measured order.
 
@@ -148,13 +113,14 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
         raise ValueError(f"the model has probes {model.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
     full = model.with_orders(measurement.orders)
     grid = make_grid(measurement.orders)
-    sight = _Sight(*(np.asarray(leaf) for leaf in _sight(full, measurement.conditions)))
+    rotor = LinearRotor(full)
+    sight = rotor.sight(measurement.conditions)
     both, usable = _seen(sight, measurement)
     if any(isinstance(e, WaveformEffect) for e in full.effects):
         return _nothing(full, measurement, grid, "a probe that bends the waveform cannot be undone from a few orders")
     if not usable.any():
         return _nothing(full, measurement, grid, "only one direction was measured: the force needs the motion along x and along y in the same case")
-    motion, whitening, covariance, measured = _motion(full, measurement, sight, both & usable[:, None], noise_allowance)
+    motion, whitening, covariance, measured = _motion(rotor, measurement, sight, both & usable[:, None], noise_allowance)
     forces = ForceBalance(full)
     errors, slopes = (part[0] for part in forces.at(forces.values[None], measurement.conditions, motion, measured))
     used = np.any(whitening != 0.0, axis=2)
@@ -162,38 +128,35 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
         motion, measured, np.where(used, errors, 0.0), np.where(used[:, :, None] & used[:, None], slopes, np.eye(used.shape[1])[None]), whitening,
         measurement.sigma is not None or measurement.knowledge.tolerance > 0.0 or noise_allowance > 0.0,
     )  # fmt: skip
-    shown = _shown(full, measurement, grid, balance, covariance, np.asarray(sight.speed))
-    return dataclasses.replace(shown, held=_held(balance, covariance, np.asarray(sight.free)))
+    shown = _shown(full, measurement, grid, balance, covariance, sight.speed)
+    return dataclasses.replace(shown, held=_held(balance, covariance, sight.free))
 
 
-def _seen(sight: _Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "case order"], Bool[np.ndarray, "case"]]:
+def _seen(sight: Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "case order"], Bool[np.ndarray, "case"]]:
     """Which orders the probes see in both directions, and the cases with such orders and none seen in one direction only."""
     present = np.swapaxes(measurement.present, 1, 2)
-    size = np.linalg.svd(np.asarray(sight.along) * present[..., None], compute_uv=False)
+    size = np.linalg.svd(sight.along * present[..., None], compute_uv=False)
     both = np.asarray(size[..., -1] > LEAST_SIGHT * np.maximum(size[..., 0], 1e-12)) & (size.shape[-1] == 2)
     partly = present.any(axis=2) & ~both
     return both, both.any(axis=1) & ~partly.any(axis=1)
 
 
 def _motion(
-    model: Model, measurement: Measurement, sight: _Sight, seen: Bool[np.ndarray, "case order"], allowance: float
+    rotor: LinearRotor, measurement: Measurement, sight: Sight, seen: Bool[np.ndarray, "case order"], allowance: float
 ) -> tuple[Float[np.ndarray, "case dof coefficient"], Float[np.ndarray, "case equation equation"], Float[np.ndarray, "case equation equation"], np.ndarray]:
     """The measured motion [m], the whitening and the covariance of its measured coefficients, and which these are."""
-    shown = measurement.vectors
-    if model.slow_roll is not None:
-        still = dataclasses.replace(measurement.conditions, speed=jnp.full_like(measurement.conditions.speed, model.slow_roll))
-        shown = shown + np.asarray(response(dataclasses.replace(without_timed(model), slow_roll=None), still))
+    shown = measurement.vectors + rotor.at_slow_roll(measurement.conditions)
     weight = measurement.weights(allowance)[..., 0]
     weight = np.swapaxes(np.where(measurement.present, np.where(weight > 0.0, weight, 1.0 / MICROMETRE), 0.0), 1, 2)
-    miss = np.swapaxes(shown, 1, 2) / np.asarray(sight.turn)[..., None] - np.asarray(sight.rest)
-    sees: np.ndarray = np.asarray(sight.along)
+    miss = np.swapaxes(shown, 1, 2) / sight.turn[..., None] - sight.rest
+    sees = sight.along
     real = np.array(measurement.orders) == 0.0
     along = np.where(real[None, :, None, None], np.real(sees), sees)
     inverse = np.linalg.pinv(along * weight[..., None])
     disk = np.einsum("cnip,cnp->cni", inverse, weight * np.where(real[None, :, None], miss.real, miss))
     positions = _positions(make_grid(measurement.orders), measurement.orders)
     measured = np.concatenate(positions)
-    motion = np.array(sight.free)
+    motion = sight.free.copy()
     covariance = np.zeros((len(motion), 2, len(measured), 2, len(measured)))
     used = np.zeros((len(motion), 2, len(measured)), bool)
     start = 0

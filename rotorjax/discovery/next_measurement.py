@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, RPM, numpy_pair
+from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
 from rotorjax.discovery.race import Contest
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import Noise
@@ -50,7 +49,7 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     speeds = np.linspace(low, high, SPEEDS)
     unbalance = np.repeat(np.stack([u for u, _ in runs.values()]), SPEEDS, axis=0)
     bow = np.repeat(np.stack([b for _, b in runs.values()]), SPEEDS, axis=0)
-    conditions = Conditions(jnp.asarray(np.tile(speeds, len(runs)) * RPM), jnp.asarray(unbalance), jnp.asarray(bow))
+    conditions = Conditions.at_rpm(np.tile(speeds, len(runs)), unbalance=unbalance, bow=bow)
     shown, spread = zip(*(_prediction(contest, conditions, end) for end in (first, second)), strict=True)
     known = np.all([np.isfinite(z).all(axis=(1, 2)) & np.isfinite(s).all(axis=(1, 2)) for z, s in zip(shown, spread, strict=True)], axis=0)
     shown, spread = [np.where(known[:, None, None], z, 0.0) for z in shown], [np.where(known[:, None, None], s, 0.0) for s in spread]

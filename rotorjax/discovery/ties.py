@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import numpy_pair
+from rotorjax._core import as_array, numpy_pair
 from rotorjax.discovery.race import Contender, Contest, Effects, Known, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
@@ -218,6 +217,6 @@ def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
 
 def _rescaled(contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]) -> tuple[Contest, Known]:
     """The contest with the prior scale of every unknown times a factor."""
-    space = dataclasses.replace(contest.space, scale=contest.space.scale * jnp.asarray(factors[np.asarray(contest.space.unknown)]))
+    space = dataclasses.replace(contest.space, scale=as_array(np.asarray(contest.space.scale) * factors[np.asarray(contest.space.unknown)]))
     known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf, c.noise) for c in contenders}
     return dataclasses.replace(contest, space=space), known

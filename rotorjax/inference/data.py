@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax._core import numpy_pair
+from rotorjax.inference.faults import fault_sensitivity
 from rotorjax.inference.noise import Noise, scatter_factor
-from rotorjax.inverse import fault_sensitivity
 from rotorjax.measurement import Measurement, is_half_order
 from rotorjax.model import Model
 from rotorjax.space import Space
-from rotorjax.steady import without_timed
 
 MAX_STARTS = 32
 MAX_FOLDS, LEAST_RUN_FOLDS = 5, 4
@@ -44,7 +43,7 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     weight = measurement.weights(noise.allowance)
     factor = scatter_factor(measurement, model, noise.scatter)
     if np.any(factor):
-        slopes = fault_sensitivity(without_timed(model), measurement.conditions)
+        slopes = fault_sensitivity(model, measurement.conditions)
         scatter = weight[..., None] * np.einsum("cpokd,cdl->cpokl", slopes, factor[measurement.run])
         scatter = scatter.reshape(len(weight), -1, scatter.shape[-1])
     else:
@@ -65,7 +64,7 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
     names = {e.effect for e in space.entries if free[e.unknown]}
     if 0.0 not in space.model.layout.orders:
         rotor = space.model.rotor
-        reach += float(rotor.mass * np.hypot(*np.asarray(rotor.gravity)) / np.mean(np.asarray(rotor.stiffness)))
+        reach += float(rotor.mass) * float(np.hypot(*np.asarray(rotor.gravity)) / np.mean(np.asarray(rotor.stiffness)))
     options = []
     for effect in space.model.effects:
         if effect.name in names:

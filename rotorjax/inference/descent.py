@@ -181,6 +181,8 @@ def _run(lin: Linearisation, starts: list[Start], tasks: "list[Task]", manner: M
             one.advance(there)
         if going[0].task.shift is None:
             _give_up(running, manner, hopeless)
+    for one in running:
+        one.return_to_balance()
     return running
 
 
@@ -434,11 +436,13 @@ class _Descent:
         most = self.cap * np.maximum(size, 0.1 * self._reach())
         return self.lin.moved(self.here, change * np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None])
 
+    def return_to_balance(self) -> None:
+        """Back to the lowest of the motions that balance, if it came to some and went on to others that do not."""
+        if self.best is not None and not self.settled:
+            self.here, self.normal, self.prior, self.cost = self.best
+
     def end(self) -> End:
         """Where it is now."""
-        if self.best is not None and not self.settled:
-            # It went on from motions that balance, and came to some that do not.
-            self.here, self.normal, self.prior, self.cost = self.best
         lin, here, free = self.lin, self.here, self.task.free
         if here is None or not math.isfinite(self.cost):
             shape = lin.data.pairs.shape

@@ -19,8 +19,8 @@ from rotorjax.assembly import true_speed
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.harmonic import Grid, make_grid
-from rotorjax.inference.kernels import Program, add_dynamic, as_coefficients, in_chunks, program
-from rotorjax.model import Conditions, Layout, Model, Probes, ReadingEffect, WaveformEffect
+from rotorjax.inference.kernels import add_dynamic, as_coefficients, compiled, nameless
+from rotorjax.model import Conditions, Model, Probes, ReadingEffect, WaveformEffect
 from rotorjax.restoring_forces import Inputs, force_slopes, parameters_of
 from rotorjax.space import with_company
 from rotorjax.steady import Ready, by_order
@@ -48,13 +48,10 @@ class ForceBalance:
         labels = [(e.name, label) for e in full.effects for p in e.parameters() for label in p.labels(full.layout)]
         self.index = {label: k for k, label in enumerate(labels)}
         """Effect and label of every value."""
-        self.values = np.asarray(ravel_pytree(full.effects)[0], dtype=float)
+        self.values = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(full.effects)])
         """Of the model."""
-        layout = Layout((), tuple(map(str, range(len(full.layout.planes)))), grid.orders)
-        nameless = dataclasses.replace(full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=layout)
-        self._leaves, structure = jax.tree.flatten(nameless)
-        ours = all(type(part).__module__.startswith("rotorjax.") for part in (full.rotor, *full.effects))
-        self._program: Program = program(_balance, structure, tuple(np.shape(leaf) for leaf in self._leaves), ours)
+        blind = dataclasses.replace(full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=full.layout._replace(probes=()))
+        self._balance = compiled(_balance, nameless(blind), full, CHUNK)
 
     def at(
         self,
@@ -66,8 +63,7 @@ class ForceBalance:
         """Along a motion at every case. **Arguments:** ``measured``: the coefficients whose equations count, and by which derivatives are taken."""
         cases = np.tile(np.arange(len(motion)), len(values))
         each = (np.asarray(leaf)[cases] for leaf in (conditions.speed, conditions.unbalance, conditions.bow))
-        rows = (np.repeat(values, len(motion), axis=0), *each, motion[cases])
-        lacking_x, lacking_y, *dynamic, force, by_motion = in_chunks(self._program, self._leaves, CHUNK, rows)
+        lacking_x, lacking_y, *dynamic, force, by_motion = self._balance(np.repeat(values, len(motion), axis=0), *each, motion[cases])
         add_dynamic(by_motion, [dynamic[:2], dynamic[2:]])
         force = (force + as_coefficients(np.stack([lacking_x, lacking_y], axis=-2)))[..., measured]
         by_motion = by_motion[:, :, measured][..., measured]

@@ -19,11 +19,11 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float, Int
 
-from rotorjax._core import numpy_pair
+from rotorjax._core import numpy_pair, release_freed_memory
 from rotorjax._planar import Matrix, Vector
 from rotorjax.harmonic import Grid, make_grid
 from rotorjax.inference.kept_programs import kept_program
-from rotorjax.model import Conditions, Layout
+from rotorjax.model import Conditions, Layout, Model
 from rotorjax.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.response import linear_vectors
 from rotorjax.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
@@ -91,11 +91,10 @@ class Kernels:
 
     def __init__(self, space: Space) -> None:
         self.grid: Grid = make_grid(space.model.layout.orders)
-        # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
-        self._leaves, structure = jax.tree.flatten(_nameless(space))
-        shapes = tuple(np.shape(leaf) for leaf in self._leaves)
-        ours = all(type(part).__module__.startswith("rotorjax.") for part in (space.model.rotor, *space.model.effects))
-        self._linear, self._balanced, self._refined = (program(kernel, structure, shapes, ours) for kernel in (_linear, _balanced, _refined))
+        # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
+        bare = dataclasses.replace(space, model=nameless(space.model), entries=())
+        self._linear = compiled(_linear, bare, space.model, LINEAR_CHUNK)
+        self._balanced, self._refined = (compiled(kernel, bare, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined))
 
     @property
     def coefficients(self) -> int:
@@ -109,12 +108,12 @@ class Kernels:
 
     def linear(self, rows: Rows) -> Reading:
         """Every order in closed form, forces that depend on motion left out."""
-        shown, slopes = in_chunks(self._linear, self._leaves, LINEAR_CHUNK, rows)
+        shown, slopes = self._linear(*rows)
         return Reading(_cells(shown), _cells_by_column(slopes))
 
     def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
         """Orders that depend on one another, along a motion that need not be one."""
-        parts = iter(in_chunks(self._balanced, self._leaves, BALANCED_CHUNK, (*rows, motion)))
+        parts = iter(self._balanced(*rows, motion))
         size = motion[0].size
         shown, shown_slopes, shown_by_motion = _cells(next(parts)), _cells_by_column(next(parts)), next(parts)
         lacking, lacking_slopes = (as_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
@@ -132,7 +131,7 @@ class Kernels:
 
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
         """Many orders at many instants along a refined motion."""
-        return Refined(*in_chunks(self._refined, self._leaves, BALANCED_CHUNK, (*rows, motion)))
+        return Refined(*self._refined(*rows, motion))
 
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:
@@ -175,14 +174,17 @@ class Program:
         """Whether it was called before."""
         return self._call is not None
 
-    def __call__(self, leaves: list[Array], *rows: np.ndarray) -> tuple[Array, ...]:
+    def __call__(self, leaves: list[Any], *rows: np.ndarray) -> tuple[Array, ...]:
         """One chunk."""
-        if self._call is None:
-            self._call = self._made(leaves, *rows)
-        return self._call(leaves, *rows)
+        if self._call is not None:
+            return self._call(leaves, *rows)
+        self._call = self._made(leaves, *rows)
+        parts = jax.block_until_ready(self._call(leaves, *rows))
+        release_freed_memory()
+        return parts
 
-    def _made(self, leaves: list[Array], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
-        def kernel(leaves: list[Array], *rows: Array) -> tuple[Array, ...]:
+    def _made(self, leaves: list[Any], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
+        def kernel(leaves: list[Any], *rows: Array) -> tuple[Array, ...]:
             return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
 
         # What a class of somebody else does is not said by its name.
@@ -190,37 +192,48 @@ class Program:
 
 
 @functools.lru_cache
-def program(kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool) -> Program:
-    """That of a kernel for a structure whose leaves have these shapes, the same one whenever it is asked for.
-
-    **Arguments:** ``ours``: whether all its classes are this package's.
-    """
+def _program(kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool) -> Program:
+    """The same one whenever it is asked for."""
     del shapes  # a program for each
     return Program(kernel, structure, ours=ours)
 
 
-def in_chunks(kernel: Program, leaves: list[Array], size: int, rows: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-    """A kernel at any number of rows; the last chunk is filled up with copies of its last row."""
-    count = len(rows[0])
+class Compiled(NamedTuple):
+    """A kernel at the values of one pytree. Called with rows, any number of them, which are evaluated in chunks of one size."""
 
-    def chunk(first: int) -> list[np.ndarray]:
-        index = np.minimum(np.arange(first, first + size), count - 1)
-        return [np.asarray(part) for part in kernel(leaves, *(values[index] for values in rows))]
+    program: Program
+    # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
+    leaves: list[Any]
+    size: int
 
-    firsts, parts = range(0, count, size), []
-    if not kernel.warm:
-        # The first by itself: it may have to be compiled.
-        parts, firsts = [chunk(0)], firsts[1:]
-    parts += side_by_side(chunk, firsts) if firsts else []
-    return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+    def __call__(self, *rows: np.ndarray) -> list[np.ndarray]:
+        """The last chunk is filled up with copies of its last row."""
+        count = len(rows[0])
+
+        def chunk(first: int) -> list[np.ndarray]:
+            index = np.minimum(np.arange(first, first + self.size), count - 1)
+            return [np.asarray(part) for part in self.program(self.leaves, *(values[index] for values in rows))]
+
+        firsts, parts = range(0, count, self.size), []
+        if not self.program.warm:
+            # The first by itself: it may have to be compiled.
+            parts, firsts = [chunk(0)], firsts[1:]
+        parts += side_by_side(chunk, firsts) if firsts else []
+        return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
 
 
-def _nameless(space: Space) -> Space:
-    """The space without names and prior scales as text: the compiled code must not depend on them."""
-    layout = space.model.layout
+def compiled(kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int) -> Compiled:
+    """A kernel whose first argument is a pytree. **Arguments:** ``model``: what the tree was made of; ``size``: rows evaluated together."""
+    leaves, structure = jax.tree.flatten(tree)
+    ours = all(type(part).__module__.startswith("rotorjax.") for part in (model.rotor, *model.effects))
+    return Compiled(_program(kernel, structure, tuple(np.shape(leaf) for leaf in leaves), ours), leaves, size)
+
+
+def nameless(model: Model) -> Model:
+    """The model without the names of probes and planes, which compiled code must not depend on, and without slow roll."""
+    layout = model.layout
     blank = Layout(tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders)
-    # Slow roll is another row, at its own speed.
-    return dataclasses.replace(space, model=dataclasses.replace(space.model, layout=blank, slow_roll=None), entries=())
+    return dataclasses.replace(model, layout=blank, slow_roll=None)
 
 
 def _one_hot(columns: Array, size: int) -> Float[Array, "column param"]:

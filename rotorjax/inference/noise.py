@@ -11,10 +11,9 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
 from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
-from rotorjax.inverse import fault_sensitivity, installed_faults, polar_covariance
+from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance
 from rotorjax.measurement import Measurement, cluster_speeds, is_half_order
 from rotorjax.model import Model
-from rotorjax.steady import without_timed
 
 FEW_RUNS = 4
 """Fewer runs say nothing useful about the scatter between runs."""
@@ -90,7 +89,7 @@ def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarr
     """
     if not scatter_wanted(measurement):
         return NO_NOISE
-    rows = _beyond_influence(measurement, fault_sensitivity(without_timed(model), measurement.conditions), residual)
+    rows = _beyond_influence(measurement, fault_sensitivity(model, measurement.conditions), residual)
     if not np.any(rows.error):
         return NO_NOISE
     best = rows.most_likely(())
@@ -206,7 +205,7 @@ def whitened_residual(
     factor = scatter_factor(measurement, model, noise.scatter)
     if not np.any(factor):
         return errors[weight > 0.0]
-    slopes = fault_sensitivity(without_timed(model), measurement.conditions) * weight[..., None]
+    slopes = fault_sensitivity(model, measurement.conditions) * weight[..., None]
     parts = []
     for run in range(len(measurement.runs)):
         cases = measurement.run == run

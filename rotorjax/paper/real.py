@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from rotorjax import effects
 from rotorjax._core import GRAM_MILLIMETRE, numpy_pair
 from rotorjax.discovery.fit import fit
-from rotorjax.inverse import fault_sensitivity, installed_faults, response_to
+from rotorjax.inference.faults import fault_sensitivity, installed_faults, response_to
 from rotorjax.io.rig import read_measurement, read_rig
 from rotorjax.measurement import Measurement
 from rotorjax.model import Model

@@ -1,0 +1,95 @@
+"""The rotor without forces that depend on motion, and its measuring chain, at any number of conditions.
+
+One program serves every model, measurement and number of conditions: its shape depends on the probes, the orders and the number of planes.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Complex, Float
+
+from rotorjax._core import numpy_pair
+from rotorjax._planar import Vector
+from rotorjax.assembly import true_speed
+from rotorjax.effects import CATALOG
+from rotorjax.harmonic import make_grid, to_real
+from rotorjax.inference.kernels import LINEAR_CHUNK, compiled, nameless
+from rotorjax.model import Conditions, Model, RestoringEffect, WaveformEffect
+from rotorjax.response import linear_vectors
+from rotorjax.space import with_company
+from rotorjax.steady import by_order, in_space, positions, without_timed
+
+
+class Sight(NamedTuple):
+    """How the probes see the disk: z / turn = along q + rest."""
+
+    along: Complex[np.ndarray, "case order probe dof"]
+    rest: Complex[np.ndarray, "case order probe"]
+    turn: Complex[np.ndarray, "case order"]
+    free: Float[np.ndarray, "case dof coefficient"]
+    """Motion of the linear rotor."""
+    speed: Float[np.ndarray, "case"]
+    """What the rotor turns at, where the speed read is off."""
+
+
+class LinearRotor:
+    """A model in company of all linear effects of the catalogue, which are at their null where it does not have them."""
+
+    def __init__(self, model: Model) -> None:
+        linear = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | WaveformEffect)}
+        full = with_company(without_timed(model), linear)
+        self._slow_roll = None if model.slow_roll is None else float(model.slow_roll)
+        self._rotor = compiled(_linear_rotor, nameless(full), full, LINEAR_CHUNK)
+
+    def sight(self, conditions: Conditions) -> Sight:
+        """How the probes see the disk at each of these conditions."""
+        return Sight(*self._at(conditions)[2:])
+
+    def vectors(self, conditions: Conditions) -> Complex[np.ndarray, "case probe order"]:
+        """`rotorjax.response` [m]."""
+        return self._above_slow_roll(conditions, 0)
+
+    def sensitivity(self, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:
+        """Derivative of real and imaginary parts by (U_x, U_y, s_x, s_y) on the disk [m per kg m, m per m]."""
+        return np.moveaxis(numpy_pair(self._above_slow_roll(conditions, 1)), 1, -1)
+
+    def at_slow_roll(self, conditions: Conditions) -> Complex[np.ndarray, "case probe order"] | float:
+        """The vectors at slow roll, if those were subtracted."""
+        return 0.0 if self._slow_roll is None else self._at(conditions, self._slow_roll)[0]
+
+    def _above_slow_roll(self, conditions: Conditions, part: int) -> np.ndarray:
+        shown = self._at(conditions)[part]
+        return shown if self._slow_roll is None else shown - self._at(conditions, self._slow_roll)[part]
+
+    def _at(self, conditions: Conditions, speed: float | None = None) -> list[np.ndarray]:
+        speeds = np.asarray(conditions.speed) if speed is None else np.full(np.shape(conditions.speed), speed)
+        return self._rotor(speeds, np.asarray(conditions.unbalance), np.asarray(conditions.bow))
+
+
+def _linear_rotor(model: Model, speed: Array, unbalance: Array, bow: Array) -> tuple[Array, ...]:
+    grid = make_grid(model.layout.orders)
+    index = np.array(positions(model.layout.orders, grid))
+    whole = model.with_orders(grid.orders)
+    on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
+
+    def row(speed: Array, unbalance: Array, bow: Array) -> tuple[Array, ...]:
+        def driven(fault: Float[Array, "4"]) -> Complex[Array, "probe order"]:
+            return linear_vectors(on_disk, Conditions(speed, jnp.zeros_like(unbalance).at[0].set(fault[:2]), fault[2:]))
+
+        condition = Conditions(speed, unbalance, bow)
+        _, push = jax.linearize(driven, jnp.zeros(4))
+        condition_there = Conditions(true_speed(model, speed), unbalance, bow)
+        assembled, chain = by_order(whole, condition_there, grid)
+        sensed = jax.vmap(lambda part, link, disk: link.sensed(whole.probes, part.motion_of(disk)))
+        zero, unit = jnp.zeros(len(grid.orders), complex), jnp.ones(len(grid.orders), complex)
+        rest = sensed(assembled, chain, Vector(zero, zero))
+        along = jnp.stack([sensed(assembled, chain, disk) - rest for disk in (Vector(unit, zero), Vector(zero, unit))], axis=-1)
+        turn = chain.turn + zero
+        free = to_real(in_space(assembled.motion().disk))
+        return linear_vectors(model, condition), jax.vmap(push)(jnp.eye(4)), along[index], rest[index], turn[index], free, condition_there.speed
+
+    return jax.vmap(row)(speed, unbalance, bow)
