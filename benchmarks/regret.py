@@ -389,8 +389,9 @@ def main() -> None:
         for problem in CASES[name]():
             rows.append(row_of(problem, arguments.limit))
             print(" | ".join([problem.case, problem.words, *cells(rows[-1])]), flush=True)
-            if arguments.output:
-                write(arguments.output, rows)
+    # Only the whole of it: an interrupted run leaves the table as it is.
+    if arguments.output:
+        write(arguments.output, rows)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """The parameter vector of a fit: every entry of every effect in the model, in units of its prior scale."""
 
+import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -70,6 +71,20 @@ class Space(eqx.Module):
         _, unravel = ravel_pytree(self.model.effects)
         return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
 
+    def with_orders(self, orders: tuple[float, ...]) -> "Space":
+        """The same for other orders. Parameters of orders that are new stay at their null: their unknowns, after the others, change nothing."""
+        old = {entry: k for k, entry in enumerate(_labels(self.model))}
+        bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
+        blank = [e.replaced([as_array(np.zeros(p.shape(bare.layout))) for p in e.parameters()]) for e in self.model.effects]
+        model = dataclasses.replace(bare, effects=tuple(blank))
+        place = np.array([old.get(entry, -1) for entry in _labels(model)], dtype=int)
+
+        def at(values: Array, new: Any) -> Array:
+            return as_array(np.where(place < 0, new, np.asarray(values)[place]) if len(values) else np.full(len(place), new))
+
+        centre, scale, logarithmic = at(self.centre, 0.0), at(self.scale, 0.0), at(self.logarithmic, False)
+        return Space(model, centre, scale, logarithmic, at(self.unknown, 0), at(self.open_size, -1), ())
+
     def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
         """Value of every entry [SI]."""
         moved, centre = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)], np.asarray(self.centre)
@@ -124,6 +139,11 @@ class Space(eqx.Module):
             if entry.effect in effects and not entry.declared_uncertain:
                 mask[entry.unknown] = True
         return mask
+
+
+def _labels(model: Model) -> list[tuple[str, str]]:
+    """Effect and label of every number of every effect."""
+    return [(e.name, label) for e in model.effects for p in e.parameters() for label in p.labels(model.layout)]
 
 
 def _given(model: Model) -> Float[np.ndarray, "param"]:

@@ -10,6 +10,7 @@ from rotorjax.discovery.race import Contender, Contest
 from rotorjax.inference.data import Data, declared_starts
 from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
 from rotorjax.inference.noise import Noise
+from rotorjax.inference.squares import squares_of
 
 FEWEST_DRAWS, MOST_DRAWS = 39, 199
 ENOUGH_EXCEED = 5
@@ -42,8 +43,8 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
     data = contest.data(noise, contender.best.point)
     own = _refitted(contest, contender, data, None, np.zeros((1, *data.weight.reshape(len(data.weight), -1).shape)))[0]
     draws = _Draws(contest, own, data, np.random.default_rng(seed))
-    noises, known = draws.make(MOST_DRAWS)
-    projected = draws.projected(noises)
+    noises = draws.make(MOST_DRAWS)
+    known, projected = draws.costs(noises)
     if abs(own.cost - float(np.quantile(projected, THRESHOLD))) > DOUBTFUL or contest.budget.exhausted:
         return PValue((int(np.sum(projected >= own.cost)) + 1) / (MOST_DRAWS + 1), MOST_DRAWS)
     pairs, costs = numpy_pair(own.shown), []
@@ -79,36 +80,23 @@ class _Draws:
     """Noise drawn about a fit."""
 
     def __init__(self, contest: Contest, own: End, data: Data, rng: np.random.Generator) -> None:
-        self.own, self.data, self.rng = own, data, rng
+        self.own, self.data, self.rng, self.training = own, data, rng, contest.training
         self.counted = (data.weight.reshape(len(data.weight), -1) > 0.0) & contest.training[:, None]
-        self.scatter = data.scatter * self.counted[..., None]
 
-    def make(self, count: int) -> tuple[Float[np.ndarray, "draw case cell"], Float[np.ndarray, "draw"]]:
-        """Noise in standard errors, the scatter between runs in it; and the cost of each draw at the point it was drawn at."""
-        noises = self.rng.standard_normal((count, *self.counted.shape)) * self.counted
-        if self.scatter.shape[-1]:
-            random = self.rng.standard_normal((count, self.data.run_count, self.scatter.shape[-1]))
-            noises = noises + np.einsum("cml,dcl->dcm", self.scatter, random[:, self.data.run])
-        return noises, self.own.prior.cost + self._squares(noises, np.zeros((*self.counted.shape, 0)))[0]
+    def make(self, count: int) -> Float[np.ndarray, "draw case cell"]:
+        """Noise in standard errors, the scatter between runs in it."""
+        noises, scatter = self.rng.standard_normal((count, *self.counted.shape)) * self.counted, self.data.scatter
+        if scatter.shape[-1]:
+            random = self.rng.standard_normal((count, self.data.run_count, scatter.shape[-1]))
+            noises = noises + np.einsum("cml,dcl->dcm", scatter * self.counted[..., None], random[:, self.data.run])
+        return noises
 
-    def projected(self, noises: Float[np.ndarray, "draw case cell"]) -> Float[np.ndarray, "draw"]:
-        """The least cost of each draw, the model linearised where the data's own fit ended."""
-        here = self.own.point[self.own.free]
-        slopes = self.own.local.slopes * self.counted[..., None]
-        squares, along = self._squares(noises, slopes)
-        gradient = along + (self.own.prior.weight * here)[:, None]
-        return squares + self.own.prior.cost - 0.5 * np.sum(gradient * np.linalg.solve(self.own.curvature, gradient), axis=0)
-
-    def _squares(
-        self, noises: Float[np.ndarray, "draw case cell"], slopes: Float[np.ndarray, "case cell free"]
-    ) -> tuple[Float[np.ndarray, "draw"], Float[np.ndarray, "free draw"]]:
-        """Half the squares, and the gradient along the slopes, what scatters between runs integrated out."""
-        squares, along = 0.5 * np.sum(noises**2, axis=(1, 2)), np.einsum("cmp,dcm->pd", slopes, noises)
-        for run in range(self.data.run_count if self.scatter.shape[-1] else 0):
-            cases = self.data.run == run
-            block = self.scatter[cases].reshape(-1, self.scatter.shape[-1])
-            score = block.T @ noises[:, cases].reshape(len(noises), -1).T
-            solved = np.linalg.solve(np.eye(len(score)) + block.T @ block, score)
-            squares = squares - 0.5 * np.sum(score * solved, axis=0)
-            along = along - (block.T @ slopes[cases].reshape(len(block), -1)).T @ solved
-        return squares, along
+    def costs(self, noises: Float[np.ndarray, "draw case cell"]) -> tuple[Float[np.ndarray, "draw"], Float[np.ndarray, "draw"]]:
+        """The cost of each draw at the point it was drawn at, and the least one, the model linearised there."""
+        own = self.own
+        slopes = np.concatenate([own.local.slopes * self.counted[..., None], np.moveaxis(noises, 0, -1)], axis=-1)
+        free = len(own.free)
+        products = squares_of(self.data, np.zeros(self.counted.shape), slopes, self.training).hessian
+        known = 0.5 * np.diag(products)[free:] + own.prior.cost
+        gradient = products[:free, free:] + (own.prior.weight * own.point[own.free])[:, None]
+        return known, known - 0.5 * np.sum(gradient * np.linalg.solve(own.curvature, gradient), axis=0)

@@ -26,7 +26,6 @@ HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
-LARGEST_DAMPING = 1e4
 WELL, POORLY = 0.5, 0.25
 """Shares of the fall that a step promises, down to which the next ones are damped less, and below which more."""
 BALANCED = 0.3
@@ -321,7 +320,7 @@ class _Descent:
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
         fallen = taken and not first and fall <= limit and self.damping < 1e-2
-        stuck = self.damping > LARGEST_DAMPING or self.stalled >= self.manner.most_stalled
+        stuck = self.stalled >= self.manner.most_stalled
         balanced = self.freedom == 0.0 and self._off() < BALANCED
         if self.steps >= self.manner.most_steps:
             self.done = True

@@ -32,6 +32,7 @@ from rotorjax.steady import Ready, answer, positions, without_timed
 
 LINEAR_CHUNK, BALANCED_CHUNK = 64, 16
 """Rows evaluated together: few of the costly ones, as the last chunk is filled up."""
+USUAL_ORDERS = (0.0, 1.0, 2.0, 3.0)
 COLUMNS = 12
 """Unknowns by which slopes are taken in one go."""
 
@@ -90,11 +91,16 @@ class Kernels:
     """The kernels of one parameter space."""
 
     def __init__(self, space: Space) -> None:
-        self.grid: Grid = make_grid(space.model.layout.orders)
+        orders = space.model.layout.orders
+        self.grid: Grid = make_grid(orders)
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
         bare = dataclasses.replace(space, model=nameless(space.model), entries=())
         self._linear = compiled(_linear, bare, space.model, LINEAR_CHUNK)
-        self._balanced, self._refined = (compiled(kernel, bare, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined))
+        # Read at the usual orders too: whichever of them were measured, the compiled code is the same.
+        full = bare.with_orders(tuple(sorted({*orders, *USUAL_ORDERS})))
+        self._read = [full.model.layout.orders.index(order) for order in orders]
+        self._more = len(full.centre) - len(bare.centre)
+        self._balanced, self._refined = (compiled(kernel, full, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined))
 
     @property
     def coefficients(self) -> int:
@@ -113,9 +119,10 @@ class Kernels:
 
     def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
         """Orders that depend on one another, along a motion that need not be one."""
-        parts = iter(self._balanced(*rows, motion))
+        parts = iter(self._balanced(*self._filled(rows), motion))
         size = motion[0].size
-        shown, shown_slopes, shown_by_motion = _cells(next(parts)), _cells_by_column(next(parts)), next(parts)
+        shown, shown_slopes = _cells(next(parts)[..., self._read]), _cells_by_column(next(parts)[..., self._read])
+        shown_by_motion = next(parts)[:, :, self._read]
         lacking, lacking_slopes = (as_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
         dynamic = [[next(parts), next(parts)], [next(parts), next(parts)]]
         force, force_slopes, force_by_motion = parts
@@ -131,7 +138,32 @@ class Kernels:
 
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
         """Many orders at many instants along a refined motion."""
-        return Refined(*self._refined(*rows, motion))
+        return Refined(*self._refined(*self._filled(rows), motion))
+
+    def _filled(self, rows: Rows) -> Rows:
+        return rows._replace(unknowns=np.pad(rows.unknowns, ((0, 0), (0, self._more))))
+
+
+class _Itself(NamedTuple):
+    """A space as a key: the same only if it is the very object."""
+
+    space: Space
+
+    def __hash__(self) -> int:
+        return id(self.space)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Itself) and other.space is self.space
+
+
+def kernels_of(space: Space) -> Kernels:
+    """The kernels of a space, made once."""
+    return _kernels_of(_Itself(space))
+
+
+@functools.lru_cache(maxsize=8)
+def _kernels_of(itself: _Itself) -> Kernels:
+    return Kernels(itself.space)
 
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:

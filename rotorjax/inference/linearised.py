@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.inference.data import Data, half_order_sign
-from rotorjax.inference.kernels import COLUMNS, Equations, Kernels, Rows, side_by_side
+from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of, side_by_side
 from rotorjax.model import Conditions
 from rotorjax.space import Space
 
@@ -174,7 +174,7 @@ class Linearisation:
 
     def __init__(self, space: Space, data: Data, budget: Budget) -> None:
         self.space, self.data, self.budget = space, data, budget
-        self.kernels, self.even = Kernels(space), space.even()
+        self.kernels, self.even = kernels_of(space), space.even()
         model = space.model
         self.states = States.of(data, None if model.slow_roll is None else float(model.slow_roll))
         order = np.concatenate([[0.0], np.repeat(self.kernels.grid.order_array[1:], 2)])

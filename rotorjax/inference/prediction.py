@@ -1,5 +1,6 @@
-"""What a model shows at conditions that were not measured, or at other parameters: motions by Newton's method from motions near by."""
+"""What a model shows at conditions that were not measured, or at other parameters: motions that balance, from motions near by."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -7,15 +8,12 @@ from jaxtyping import Complex, Float, Int
 
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Point, States
+from rotorjax.inference.motions import balanced
 from rotorjax.model import Conditions
 from rotorjax.space import Space
 
-MOST_STEPS = 20
-"""Steps of Newton's method; the force is refined once the coarser balance is met."""
 MET = 1e-4
 """Change of the vectors, in their largest size, that counts as none."""
-LARGEST_STEP = 0.5
-"""Of a motion, in its size."""
 
 
 class Prediction(NamedTuple):
@@ -59,7 +57,7 @@ def predict(
     starts.append(_linear_motions(lin, point))
     shown, slopes = np.full((lin.cases, lin.data.pairs[0].size), np.nan), np.full((lin.cases, lin.data.pairs[0].size, len(wanted)), np.nan)
     for motions in starts:
-        found, by_free = _newton(lin, point, motions, wanted)
+        found, by_free = _balanced(lin, point, motions, wanted)
         lost = ~np.isfinite(shown).all(axis=1)
         shown[lost], slopes[lost] = found[lost], by_free[lost]
         if np.isfinite(shown).all():
@@ -83,27 +81,17 @@ def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Fl
     return lin.moved(one, -one.freedom.newton)
 
 
-def _newton(
+def _balanced(
     lin: Linearisation, point: Float[np.ndarray, "param"], motions: Float[np.ndarray, "state dof wide"], free: Int[np.ndarray, "free"]
 ) -> tuple[Float[np.ndarray, "case cell"], Float[np.ndarray, "case cell free"]]:
-    """Vectors and slopes where it converges, else not a number. Every state has steps of its own."""
-    none, refined = np.zeros(0, int), False
-    good = np.zeros(len(motions), bool)
-    shown, slopes = np.full((lin.cases, lin.data.pairs[0].size), np.nan), np.full((lin.cases, lin.data.pairs[0].size, len(free)), np.nan)
-    for step in range(MOST_STEPS):
-        (one,) = lin.at([Point(point, motions, refined)], [none])
-        assert one.freedom is not None
-        size = np.linalg.norm(motions.reshape(len(motions), -1), axis=1)
-        change = -one.freedom.newton
-        length = np.linalg.norm(change, axis=1)
-        with np.errstate(invalid="ignore"):
-            good = np.isfinite(length) & (length <= MET * np.maximum(size, 1e-12))
-            short = np.minimum(1.0, LARGEST_STEP * np.maximum(size, 0.1 * np.max(size)) / np.maximum(length, 1e-300))
-        if refined and (good | ~np.isfinite(length)).all():
-            break
-        refined = refined or bool((good | (step > MOST_STEPS // 2)).all())
-        motions = lin.moved(one, np.nan_to_num(change * short[:, None]))
+    """Vectors and slopes where motions that balance are found near some, else not a number."""
+    tight, none = math.inf, np.zeros(0, int)
+    for refined in (False, True):
+        (here,) = lin.at([Point(point, motions, refined)], [none])
+        tight = MET * float(np.nanmax(np.abs(here.shown), initial=0.0))
+        (near,), _ = balanced(lin, [here], tight)
+        motions = np.asarray(near.motions)
     (one,) = lin.at([Point(point, motions, True)], [free])
-    found = lin.states.everywhere(good)
-    shown[found], slopes[found] = one.shown[found], one.slopes[found]
-    return shown, slopes
+    assert one.freedom is not None
+    found = lin.states.everywhere(one.freedom.off <= tight)
+    return np.where(found[:, None], one.shown, np.nan), np.where(found[:, None, None], one.slopes, np.nan)

@@ -26,15 +26,17 @@ class Squares:
         self.hessian = flat.T @ flat
         self._scatter, self._run = None, data.run
         if scatter.shape[-1]:
+            latents = scatter.shape[-1]
+            products = np.swapaxes(scatter, 1, 2) @ np.concatenate([scatter, error[..., None], slopes], axis=-1)
             member = (data.run[:, None] == np.arange(data.run_count)).astype(float)
-            inner = np.eye(scatter.shape[-1]) + np.einsum("cr,cml,cmk->rlk", member, scatter, scatter, optimize=True)
-            score = np.einsum("cr,cml,cm->rl", member, scatter, error, optimize=True)
-            cross = np.einsum("cr,cml,cmp->rlp", member, scatter, slopes, optimize=True)
-            self._scatter, self._inner, self._score, self._cross = scatter, inner, score, cross
-            solved = np.linalg.solve(inner, np.concatenate([score[..., None], cross], axis=-1))
-            self.cost -= 0.5 * float(np.sum(score * solved[..., 0]))
-            self.gradient = self.gradient - np.einsum("rlp,rl->p", cross, solved[..., 0])
-            self.hessian = self.hessian - np.einsum("rlp,rlq->pq", cross, solved[..., 1:])
+            by_run = (member.T @ products.reshape(len(member), -1)).reshape(data.run_count, *products.shape[1:])
+            inner, both = np.eye(latents) + by_run[..., :latents], by_run[..., latents:]
+            self._scatter, self._inner, self._score, self._cross = scatter, inner, both[..., 0], both[..., 1:]
+            solved = np.linalg.solve(inner, both)
+            taken_off = both.reshape(-1, both.shape[-1]).T @ solved.reshape(-1, both.shape[-1])
+            self.cost -= 0.5 * float(taken_off[0, 0])
+            self.gradient = self.gradient - taken_off[1:, 0]
+            self.hessian = self.hessian - taken_off[1:, 1:]
 
     def left(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "case cell"]:
         """The residual after a step, less the most probable scatter."""

@@ -168,10 +168,10 @@ def test_projected_draws_leave_what_fitted_draws_leave():
     contender = race(contest, NO_NOISE, [frozenset(["cross_coupling"])], {})[frozenset(["cross_coupling"])]
     data = contest.data(NO_NOISE, contender.best.point)
     draws = bootstrap._Draws(contest, contender.best, data, np.random.default_rng(0))
-    noises, _ = draws.make(12)
+    noises = draws.make(12)
     pairs = np.stack([contender.best.shown.real, contender.best.shown.imag], axis=-1)
     fitted = [end.cost for end in bootstrap._refitted(contest, contender, data, pairs, noises)]
-    np.testing.assert_allclose(draws.projected(noises), fitted, atol=0.05)
+    np.testing.assert_allclose(draws.costs(noises)[1], fitted, atol=0.05)
 
 
 def test_heavier_rotor_is_still_one_rotor():
@@ -180,6 +180,12 @@ def test_heavier_rotor_is_still_one_rotor():
     data = make_data(hidden.sufficient(effects.MassError, seed=1)[1], one.model, NO_NOISE)
     shown = [Linearisation(space, data, Budget()).at([Point(np.zeros(len(space.entries)), None)], [np.zeros(0, int)])[0].shown for space in (one, other)]
     assert not np.allclose(shown[0], shown[1])
+
+
+def test_of_the_usual_orders_any_may_be_measured_with_one_program():
+    model, knowledge = with_company(Model(Jeffcott(1.0, 5e4, 0.02)), CATALOG, CATALOG), Knowledge()
+    spaces = [make_space(model.with_orders(orders), knowledge) for orders in ((1.0,), (0.0, 2.0), (0.0, 1.0, 2.0, 3.0))]
+    assert len({id(Kernels(space)._balanced.program) for space in spaces}) == 1
 
 
 @pytest.mark.parametrize("orders", [(0.0, 1.0, 2.0), (0.5, 1.0)], ids=["0X to 2X", "half an order"])
