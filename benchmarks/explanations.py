@@ -41,7 +41,8 @@ def judged(hidden: Hidden, found: Explanation) -> str:
     if found.verdict in ("explained", "nothing missing"):
         if answer == truth:
             return "right"
-        if answer < truth and found.p_value is not None:
+        small = {s.effect for s in found.detected_but_small}
+        if answer < truth and (found.p_value is not None or truth <= answer | small):
             return "right but for the small"
         return "in other words" if truth in _replaced(answer, found.ties.contains) else "WRONG"
     if found.verdict == "undecided" and truth in [answer, *_replaced(answer, found.ties.tied)]:

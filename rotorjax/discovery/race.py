@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax._core import CONVERGED
+from rotorjax._core import CONVERGED, CUT_OFF
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
 from rotorjax.inference.descent import HOPELESS, QUICK, End, Local, Start, best_of, descend, distinct_of, starts_at
@@ -194,12 +194,15 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
     The influence of what scatters between runs is taken at the most probable that is known. What was fitted under this very noise is not
-    fitted again. **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further starts; ``afresh``: begin at the
-    parameters known with motions as measured, too: those that balanced where much was allowed for misfit may lie beyond a wall.
+    fitted again, but for what was cut off. **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further
+    starts; ``afresh``: begin at the parameters known with motions as measured, too: those that balanced where much was allowed for misfit may
+    lie beyond a wall.
     """
     further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.timed}
     every = list(dict.fromkeys(hypotheses))
     stands = [] if afresh else [e for e in every if e in known and known[e].fitted_under(noise) and e not in further]
+    if not contest.budget.exhausted:
+        stands = [effects for effects in stands if known[effects].best.result != CUT_OFF]
     found = {effects: contender_of(contest, effects, list(known[effects].ends), noise) for effects in stands}
     wanted = [effects for effects in every if effects not in found]
     if not wanted:
@@ -324,9 +327,11 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         apart = dataclasses.replace(contest, budget=Budget(left))
         exact = race(apart, contest.floor, wanted, known)
         contest.budget.spent += apart.budget.spent
-        leader = _leader(contest, exact, wanted)
-        if misfit_left(contest, exact[leader]) == contest.floor.allowance:
-            return Race(contest.floor, exact, leader)
+        if _leader_holds(contest, exact, wanted):
+            # What was cut off, as the share was spent, goes on.
+            exact = race(contest, contest.floor, wanted, {**known, **exact})
+            if _leader_holds(contest, exact, wanted):
+                return Race(contest.floor, exact, _leader(contest, exact, wanted))
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
     found = {**known, **race(contest, noise, wanted, known, also=exact)}
     for _ in range(NOISE_ROUNDS):
@@ -352,6 +357,11 @@ def _near(found: Known, wanted: list[Effects]) -> list[Effects]:
 
 def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
     return max(wanted, key=lambda effects: contest.log_posterior(found[effects]))
+
+
+def _leader_holds(contest: Contest, found: Known, wanted: list[Effects]) -> bool:
+    """Whether the best leaves no more than the noise that is known."""
+    return misfit_left(contest, found[_leader(contest, found, wanted)]) == contest.floor.allowance
 
 
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:

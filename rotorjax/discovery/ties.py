@@ -17,7 +17,7 @@ from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import HOPELESS, End
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
-from rotorjax.inference.prior import Prior, prior_at, together
+from rotorjax.inference.prior import Prior, cost_of_size, prior_at, together
 from rotorjax.measurement import is_half_order
 from rotorjax.model import Effect
 
@@ -74,9 +74,9 @@ class Ties(NamedTuple):
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3. Whether
-    it then predicts the same, or differs and fits no worse, is told with it. One with more determined parameters that
-    fits no better contains the answer: that is no tie.
+    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3, or if it fits as well and
+    is behind for the size of its force alone. Whether it then predicts the same, or differs and fits no worse, is told with it. One with more
+    determined parameters that fits no better contains the answer: that is no tie.
     """
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)
@@ -97,7 +97,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
             if len(instead) <= len(gone) or instead <= set(itertools.chain.from_iterable(catalog[name].relatives for name in gone)):
                 contains.append(alternative)
-        elif gap < TIE or other.effects in leads:
+        elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
             tied.append(alternative)
     return Ties(_simplest(tied), tuple(contains), winner, found)
 
@@ -194,7 +194,7 @@ def _under(contest: Contest, data: Data, factors: Float[np.ndarray, "param"], co
     """A contender under prior scales times some factors, to first order about where it was fitted; unknowns in units of those."""
     ends = []
     for end in contender.ends:
-        by, parts = factors[end.free], together(np.asarray(contest.space.open_size)[end.free])
+        by, parts = factors[end.free], _open_sizes(contest, end)
 
         def prior(unknowns: Float[np.ndarray, "free"], by: np.ndarray = by, parts: np.ndarray = parts) -> Prior:
             scaled = prior_at(unknowns / by, parts)
@@ -205,12 +205,24 @@ def _under(contest: Contest, data: Data, factors: Float[np.ndarray, "param"], co
     return contender_of(contest, contender.effects, ends, contender.noise)
 
 
+def _differs_in_size(contest: Contest, winner: Contender, other: Contender) -> bool:
+    """Whether another set fits as well with no more parameters, and is behind for the size of its force alone: nobody knows that beforehand."""
+    sizes = [cost_of_size(c.best.point[c.best.free], _open_sizes(contest, c.best)) for c in (winner, other)]
+    gap = winner.log_evidence + sizes[0] - other.log_evidence - sizes[1]
+    fits = other.best.data_cost < winner.best.data_cost + AS_GOOD and _determined(other.best) <= _determined(winner.best)
+    return fits and gap < TIE
+
+
+def _open_sizes(contest: Contest, end: End) -> Float[np.ndarray, "free free"]:
+    return together(np.asarray(contest.space.open_size)[end.free])
+
+
 def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
-    """Log evidence, with what wider prior scales would give back of what large values cost it and not the winner."""
+    """Log evidence, with what wider prior scales, or any sizes, would give back of what large values cost it and not the winner."""
 
     def given_back(end: End) -> float:
-        unknowns, parts = end.point[end.free], together(np.asarray(contest.space.open_size)[end.free])
-        return prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost
+        unknowns, parts = end.point[end.free], _open_sizes(contest, end)
+        return max(prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost, cost_of_size(unknowns, parts))
 
     return other.log_evidence + max(0.0, given_back(other.best) - given_back(winner.best))
 

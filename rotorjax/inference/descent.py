@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import COARSE, CONVERGED, FINE, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Tolerance
+from rotorjax._core import COARSE, CONVERGED, CUT_OFF, FINE, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Tolerance
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
 from rotorjax.inference.motions import balanced, first_motions
@@ -158,7 +158,12 @@ def descend(  # noqa: PLR0913
     running = _run(lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless)
     if shift is None:
         for begin in (_as_measured, _scanned):
-            anew = {k: start for k in _lost(running) if not budget.exhausted and (start := begin(running[k])) is not None}
+            lost = _lost(running)
+            if budget.exhausted:
+                for k in lost:
+                    running[k].result = CUT_OFF
+                break
+            anew = {k: start for k in lost if (start := begin(running[k])) is not None}
             for k, one in zip(anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], manner, hopeless), strict=True):
                 running[k] = min(running[k], one, key=lambda d: (not d.settled, d.cost))
     return [d.end() for d in running]
@@ -175,13 +180,13 @@ def _run(lin: Linearisation, starts: list[Start], tasks: "list[Task]", manner: M
         running.append(_Descent(lin, task, manner, Point(start.point, motions if timed[k] else None, known[k]), known=known[k]))
     while going := [d for d in running if not d.done]:
         if lin.budget.exhausted and all(d.here is not None for d in going):
+            for one in going:
+                one.result = CUT_OFF
             break
         for one, there in zip(going, _linearised(lin, going, manner), strict=True):
             one.advance(there)
         if going[0].task.shift is None:
             _give_up(running, manner, hopeless)
-    for one in running:
-        one.return_to_balance()
     return running
 
 
@@ -435,13 +440,11 @@ class _Descent:
         most = self.cap * np.maximum(size, 0.1 * self._reach())
         return self.lin.moved(self.here, change * np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None])
 
-    def return_to_balance(self) -> None:
-        """Back to the lowest of the motions that balance, if it came to some and went on to others that do not."""
-        if self.best is not None and not self.settled:
-            self.here, self.normal, self.prior, self.cost = self.best
-
     def end(self) -> End:
         """Where it is now."""
+        if self.best is not None and not self.settled:
+            # It went on from motions that balance, and came to some that do not.
+            self.here, self.normal, self.prior, self.cost = self.best
         lin, here, free = self.lin, self.here, self.task.free
         if here is None or not math.isfinite(self.cost):
             shape = lin.data.pairs.shape
