@@ -180,11 +180,22 @@ def test_what_is_probably_not_all_is_undecided():
     assert "something more is probable, such as cross_coupling (68 %) or internal_damping (27 %)" in sentence(found)
 
 
+def test_a_force_behind_for_its_size_alone_ties():
+    """A cubic spring a thousand times as strong as usual and a stop fit twelve cases alike: how strong it would have to be does not decide."""
+    hidden = drawn_effects.draw(1857)
+    assert hidden.effects == ("duffing",)
+    found = explain(hidden.model, hidden.measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("undecided", ("clearance",))
+    assert ("duffing",) in [tied.effects for tied in found.ties.tied]
+
+
 @pytest.mark.campaign
-def test_what_is_beside_friction_is_not_lost_with_its_motion():
-    """From the motion under friction alone no descent of the truth balanced: friction and a chain gain were said to explain it all."""
-    hidden = drawn_effects.draw(1031)
-    assert hidden.effects == ("coulomb_friction", "probe_gain")
+@pytest.mark.parametrize(("seed", "effects"), [(1031, ("coulomb_friction", "probe_gain")), (1988, ("coulomb_friction", "phase_reference_offset"))])
+def test_what_is_beside_friction_is_not_lost_with_its_motion(seed, effects):
+    """From the motion under friction alone no descent of the truth balanced, or none within its share of the linearisations: friction and a
+    chain gain were said to explain it all."""
+    hidden = drawn_effects.draw(seed)
+    assert hidden.effects == effects
     found = explain(hidden.model, hidden.measurement, thorough=False)
     named = {frozenset(found.effects), *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied)}
     assert frozenset(hidden.effects) in named

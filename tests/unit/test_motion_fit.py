@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Model, effects, response
-from rotorjax._core import NOT_FINITE, real_pair
+from rotorjax._core import CUT_OFF, NOT_FINITE, real_pair
 from rotorjax.discovery import bootstrap
-from rotorjax.discovery.race import _starts, make_contest, race
+from rotorjax.discovery.race import _starts, make_contest, race, settle
 from rotorjax.effects import CATALOG
 from rotorjax.inference import descent, linearised
 from rotorjax.inference.data import declared_starts, make_data
-from rotorjax.inference.descent import QUICK, THOROUGH, Start, best_of, descend, starts_at
+from rotorjax.inference.descent import HOPELESS, QUICK, THOROUGH, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Budget, Linearisation, Point
-from rotorjax.inference.noise import NO_NOISE
+from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.scan import scan
 from rotorjax.measurement import Knowledge
@@ -159,6 +159,21 @@ def test_a_spent_budget_leaves_every_start_linearised_once(spring):
     assert all(np.isfinite(end.cost) and end.steps == 1 and not end.exact for end in ends)
     # One linear solve for the first motions, which all starts share, and one evaluation of each.
     assert budget.spent == (1 + len(starts)) * len(measurement.run)
+
+
+def test_fits_that_were_cut_off_go_on_once_an_answer_holds(spring, monkeypatch):
+    """Each race has a share of the linearisations under the noise that is known; what it could not fit within that is no worse for it."""
+    model, measurement, *_ = spring
+    sets = [frozenset(), frozenset(["duffing"]), frozenset(["rub"])]
+    found = []
+    for share in (1_000_000, 300):
+        monkeypatch.setattr("rotorjax.discovery.race.EXACT_SHARE", share)
+        told = settle(make_contest(model, measurement, CATALOG), sets, {}, Noise(measurement.rms))
+        assert (told.winner, told.noise) == (sets[1], NO_NOISE)
+        found.append([told.contenders[effects].best for effects in sets])
+    assert all(end.result != CUT_OFF for end in found[1])
+    assert found[1][1].cost == pytest.approx(found[0][1].cost, abs=0.01)
+    assert all(ends[k].cost > ends[1].cost + HOPELESS for ends in found for k in (0, 2))
 
 
 def test_projected_draws_leave_what_fitted_draws_leave():
