@@ -88,7 +88,7 @@ def paper(data: Path, output: Path) -> tuple[Explanation, Explanation]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=Path("output"))
-    parser.add_argument("--picture", type=Path, help="write the README's picture too")
+    parser.add_argument("--picture", type=Path, help="write the picture of the measured vectors, docs/rk4.png, too")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()

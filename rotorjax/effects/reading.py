@@ -64,7 +64,7 @@ class ChainGain(ReadingEffect):
     family: ClassVar[Family] = "reading"
     meaning: ClassVar[str] = "common gain and phase of the measuring chain (filter, amplifier, units)"
     source: ClassVar[str] = "ISO 10817-1:1998, clause 5: amplitude and phase response of the measuring chain"
-    relatives: ClassVar[tuple[str, ...]] = ("probe_gain", "phase_reference_offset", "residual_bow")
+    relatives: ClassVar[tuple[str, ...]] = ("probe_gain", "phase_reference_offset", "probe_angle", "time_delay", "residual_bow")
     gain_real: Array = parameter("real part of the relative error", scale=0.1)
     gain_imaginary: Array = parameter("imaginary part of the relative error", scale=0.1)
     starts: ClassVar[tuple[dict[str, float], ...]] = (
