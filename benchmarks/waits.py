@@ -104,6 +104,8 @@ def main() -> None:
     if options.one:
         one(options.one[0], *map(Path, options.one[1:]))
         return
+    if options.output:
+        options.output.mkdir(parents=True, exist_ok=True)
     rows = []
     with tempfile.TemporaryDirectory() as place:
         folder, cache = Path(place) / "example", Path(place) / "cache"

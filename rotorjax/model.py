@@ -96,11 +96,6 @@ def parameter(meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, 
     return eqx.field(default=0.0, converter=as_float, metadata={"parameter": (meaning, scale, of, axes)})
 
 
-@eqx.filter_jit
-def _damping(rotor: "AbstractRotor") -> Float[Array, "dof"]:
-    return rotor.damping
-
-
 class AbstractRotor(eqx.Module):
     """A rotor as one station with two lateral degrees of freedom: nominal, before any effect."""
 
@@ -123,7 +118,7 @@ class AbstractRotor(eqx.Module):
         mass, stiffness = float(self.mass), float(np.mean(np.asarray(self.stiffness)))
         frequency = math.sqrt(stiffness / mass)
         eccentricity = BALANCE_GRADE / frequency
-        damping = max(float(np.mean(np.asarray(_damping(self)))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass))
+        damping = max(float(np.mean(np.asarray(self.damping))), LEAST_DAMPING_RATIO * 2.0 * math.sqrt(stiffness * mass))
         return {
             "one": 1.0,
             "mass": mass,

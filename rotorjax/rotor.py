@@ -9,7 +9,7 @@ from jax import Array
 from jax.core import Tracer
 from jaxtyping import Float
 
-from rotorjax._core import RPM, Numbers, as_float
+from rotorjax._core import RPM, Numbers, as_float, is_known
 from rotorjax.model import AbstractRotor
 
 
@@ -57,6 +57,8 @@ class Jeffcott(AbstractRotor):
     @property
     def damping(self) -> Float[Array, "dof"]:
         """Viscous damping c_i [N s/m]."""
+        if is_known(self.damping_ratio, self.stiffness, self.mass):
+            return as_float(2.0 * np.asarray(self.damping_ratio) * np.sqrt(np.asarray(self.stiffness) * np.asarray(self.mass)))
         return 2.0 * self.damping_ratio * jnp.sqrt(self.stiffness * self.mass)
 
     @property

@@ -70,8 +70,8 @@ class DampingError(MatrixEffect):
         return Matrices(path_damping=diagonal(growth * point.rotor.damping))
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        true = rotor.damping * jnp.exp(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
-        ratio = np.asarray(true / (2.0 * jnp.sqrt(rotor.stiffness * rotor.mass)))
+        true = np.asarray(rotor.damping) * np.exp([float(self.log_ratio_x), float(self.log_ratio_y)])
+        ratio = true / (2.0 * np.sqrt(np.asarray(rotor.stiffness) * float(rotor.mass)))
         if not np.any(ratio > 1.0):
             return None
         axis = int(np.argmax(ratio))
