@@ -2,11 +2,6 @@
 
 import os
 
-if (worker := os.environ.get("PYTEST_XDIST_WORKER")) and hasattr(os, "sched_setaffinity"):
-    # Each worker keeps to one processor: threads of several would wait for one another.
-    processors = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {processors[int(worker.removeprefix("gw")) % len(processors)]})
-
 import jaxtyping
 from jaxtyping import install_import_hook
 
