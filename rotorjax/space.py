@@ -73,11 +73,11 @@ class Space(eqx.Module):
 
     def with_orders(self, orders: tuple[float, ...]) -> "Space":
         """The same for other orders. Parameters of orders that are new stay at their null: their unknowns, after the others, change nothing."""
-        old = {entry: k for k, entry in enumerate(_labels(self.model))}
+        old = {entry: k for k, entry in enumerate(labels_of(self.model))}
         bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
         blank = [e.replaced([as_array(np.zeros(p.shape(bare.layout))) for p in e.parameters()]) for e in self.model.effects]
         model = dataclasses.replace(bare, effects=tuple(blank))
-        place = np.array([old.get(entry, -1) for entry in _labels(model)], dtype=int)
+        place = np.array([old.get(entry, -1) for entry in labels_of(model)], dtype=int)
 
         def at(values: Array, new: Any) -> Array:
             return as_array(np.where(place < 0, new, np.asarray(values)[place]) if len(values) else np.full(len(place), new))
@@ -103,7 +103,7 @@ class Space(eqx.Module):
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""
         unknowns = np.zeros(len(self.entries))
-        unknowns[np.asarray(self.unknown)] = (_given(self.model) - np.asarray(self.centre)) / np.asarray(self.scale)
+        unknowns[np.asarray(self.unknown)] = (values_of(self.model) - np.asarray(self.centre)) / np.asarray(self.scale)
         return unknowns
 
     def timed(self) -> Bool[np.ndarray, "param"]:
@@ -141,12 +141,13 @@ class Space(eqx.Module):
         return mask
 
 
-def _labels(model: Model) -> list[tuple[str, str]]:
+def labels_of(model: Model) -> list[tuple[str, str]]:
     """Effect and label of every number of every effect."""
     return [(e.name, label) for e in model.effects for p in e.parameters() for label in p.labels(model.layout)]
 
 
-def _given(model: Model) -> Float[np.ndarray, "param"]:
+def values_of(model: Model) -> Float[np.ndarray, "param"]:
+    """These numbers [SI]."""
     leaves = jax.tree.leaves(model.effects)
     return np.concatenate([np.ravel(leaf) for leaf in leaves]) if leaves else np.zeros(0)
 
@@ -172,7 +173,7 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
     declared = np.array([e.declared_uncertain for e in entries], dtype=bool)
     return Space(
         model,
-        as_array(np.where(declared, _given(model), 0.0)),
+        as_array(np.where(declared, values_of(model), 0.0)),
         as_array(np.array([e.scale for e in entries], dtype=float)),
         as_array(np.array([e.logarithmic for e in entries], dtype=bool)),
         as_array(np.array([e.unknown for e in entries], dtype=int)),

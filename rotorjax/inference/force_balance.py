@@ -22,7 +22,7 @@ from rotorjax.harmonic import Grid, make_grid
 from rotorjax.inference.kernels import add_dynamic, as_coefficients, compiled, nameless
 from rotorjax.model import Conditions, Model, Probes, ReadingEffect, WaveformEffect
 from rotorjax.restoring_forces import Inputs, force_slopes, parameters_of
-from rotorjax.space import with_company
+from rotorjax.space import labels_of, values_of, with_company
 from rotorjax.steady import Ready, by_order
 
 CHUNK = 16
@@ -45,10 +45,9 @@ class ForceBalance:
         classes = {name: cls for name, cls in (CATALOG | TERMS).items() if not issubclass(cls, ReadingEffect | WaveformEffect)}
         bare = dataclasses.replace(model, effects=tuple(own), slow_roll=None)
         full = with_company(bare.with_orders(grid.orders), classes, classes)
-        labels = [(e.name, label) for e in full.effects for p in e.parameters() for label in p.labels(full.layout)]
-        self.index = {label: k for k, label in enumerate(labels)}
+        self.index = {label: k for k, label in enumerate(labels_of(full))}
         """Effect and label of every value."""
-        self.values = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(full.effects)])
+        self.values = values_of(full)
         """Of the model."""
         blind = dataclasses.replace(full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=full.layout._replace(probes=()))
         self._balance = compiled(_balance, nameless(blind), full, CHUNK)

@@ -80,16 +80,16 @@ def _linear_rotor(model: Model, speed: Array, unbalance: Array, bow: Array) -> t
         def driven(fault: Float[Array, "4"]) -> Complex[Array, "probe order"]:
             return linear_vectors(on_disk, Conditions(speed, jnp.zeros_like(unbalance).at[0].set(fault[:2]), fault[2:]))
 
-        condition = Conditions(speed, unbalance, bow)
         _, push = jax.linearize(driven, jnp.zeros(4))
-        condition_there = Conditions(true_speed(model, speed), unbalance, bow)
-        assembled, chain = by_order(whole, condition_there, grid)
+        turning = true_speed(model, speed)
+        assembled, chain = by_order(whole, Conditions(turning, unbalance, bow), grid)
         sensed = jax.vmap(lambda part, link, disk: link.sensed(whole.probes, part.motion_of(disk)))
         zero, unit = jnp.zeros(len(grid.orders), complex), jnp.ones(len(grid.orders), complex)
         rest = sensed(assembled, chain, Vector(zero, zero))
         along = jnp.stack([sensed(assembled, chain, disk) - rest for disk in (Vector(unit, zero), Vector(zero, unit))], axis=-1)
         turn = chain.turn + zero
         free = to_real(in_space(assembled.motion().disk))
-        return linear_vectors(model, condition), jax.vmap(push)(jnp.eye(4)), along[index], rest[index], turn[index], free, condition_there.speed
+        vectors = linear_vectors(model, Conditions(speed, unbalance, bow))
+        return vectors, jax.vmap(push)(jnp.eye(4)), along[index], rest[index], turn[index], free, turning
 
     return jax.vmap(row)(speed, unbalance, bow)
