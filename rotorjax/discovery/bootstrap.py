@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from rotorjax._core import numpy_pair
 from rotorjax.discovery.race import Contender, Contest
-from rotorjax.inference.data import Data, declared_starts
-from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
+from rotorjax.inference.data import Data
+from rotorjax.inference.descent import QUICK, End, Start, descend
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.squares import squares_of
 
@@ -17,8 +17,6 @@ ENOUGH_EXCEED = 5
 """Draws that leave more than the data after which the p-value is large enough (Besag, Clifford 1991, Biometrika 78:301-304)."""
 NONE_EXCEED = 99
 """Draws without a single one that leaves more after which it is small enough."""
-BLIND_STARTS = 2
-"""Starts of every fit, those of the data's own among them; one where orders are balanced together."""
 BATCH = 24
 """Fits made together."""
 THRESHOLD, DOUBTFUL = 0.99, 10.0
@@ -37,7 +35,7 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
 
     Noise is the table's and the scatter between runs; what a misfit would add is not counted. (k + 1)/(n + 1) for k of n draws that leave
     more than the data. The fits are linearised where the data's own ended, which is a projection of the noise; draws are fitted in full,
-    from the same starts, only where that p-value is near the threshold, until 5 leave more, or none of 99 does.
+    from the same start, only where that p-value is near the threshold, until 5 leave more, or none of 99 does.
     """
     noise = Noise(0.0, contest.floor.scatter)
     data = contest.data(noise, contender.best.point)
@@ -62,18 +60,11 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
 def _refitted(
     contest: Contest, contender: Contender, data: Data, pairs: Float[np.ndarray, "case probe order 2"] | None, shifts: Float[np.ndarray, "draw case cell"]
 ) -> list[End]:
-    """The best fit to each draw of the noise about some vectors, those measured by default."""
-    free = contest.free(contender.effects)
-    declared = declared_starts(contest.space, contest.only_of(contender.effects), contest.measurement.reach)
-    own = [Start.at(end) for end in contender.ends]
-    starts = [*own, *(own[0]._replace(point=np.where(free, s, contender.best.point)) for s in declared)]
-    starts = starts[: 1 if contest.timed & contender.effects else BLIND_STARTS]
-    tasks, count = starts * len(shifts), len(starts)
+    """The fit to each draw of the noise about some vectors, those measured by default, from where the data's own ended."""
+    free, starts = contest.free(contender.effects), [Start.at(contender.best)] * len(shifts)
     shown = data if pairs is None else data._replace(pairs=pairs)
-    counted = np.broadcast_to(contest.training, (len(tasks), len(contest.training)))
-    moved = np.repeat(shifts, count, axis=0)
-    ends = descend(contest.space, shown, tasks, free, counted, budget=contest.budget, kept=contender.best.point, shift=moved, manner=QUICK)
-    return [best_of(ends[k : k + count]) for k in range(0, len(ends), count)]
+    counted = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
+    return descend(contest.space, shown, starts, free, counted, budget=contest.budget, kept=contender.best.point, shift=shifts, manner=QUICK)
 
 
 class _Draws:

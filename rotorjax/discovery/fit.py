@@ -16,7 +16,20 @@ from rotorjax.errors import InputError
 from rotorjax.inference.data import Data, declared_starts, make_data, make_folds, residual_vectors
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.linearised import Budget
-from rotorjax.inference.noise import FEW_RUNS, LEAST_NOISE, NO_NOISE, NO_SCATTER, NOISE_FLOOR, Noise, RunScatter, misfit_of, reduced_chi2, run_floor
+from rotorjax.inference.noise import (
+    FEW_RUNS,
+    LEAST_NOISE,
+    MOST_ROUNDS,
+    NO_NOISE,
+    NO_SCATTER,
+    NOISE_FLOOR,
+    SAME_MISFIT,
+    Noise,
+    RunScatter,
+    misfit_of,
+    reduced_chi2,
+    run_floor,
+)
 from rotorjax.measurement import Measurement
 from rotorjax.model import Effect, Model
 from rotorjax.space import Entry, Space, make_space, with_company
@@ -24,14 +37,6 @@ from rotorjax.space import Entry, Space, make_space, with_company
 NORMAL_QUANTILE = 1.96
 UNDETERMINED = 0.8
 """Posterior over prior standard deviation above which the data are said not to determine a parameter."""
-MISFIT_ROUNDS = 12
-"""Most alternations between a fit and the allowance for its misfit."""
-KEPT = 3
-"""Most optima from which the next of these rounds begins."""
-MANY = 8
-"""Starts beyond which a wide allowance chooses among them first, where other models are ahead."""
-MISFIT_CHANGE = 0.02
-"""Relative change of the allowance below which it stands."""
 NOT_STEADY = "no steady motion was found with these values, so that the prediction is only to first order along the measured motion"
 """What a fit says whose forces that depend on motion were laid along the measured motion and no further."""
 PULLED = 3.0
@@ -236,24 +241,18 @@ def _rounds(stage: Stage, own: list[Start] | None = None, ahead: _Ahead | None =
     parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
     equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
-    Of many starts a wide allowance chooses those for the narrow one, where other models are ahead; what is behind them by far ends there.
+    What is behind other models by far ends there.
     **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what other models reached.
     """
     measurement, ahead = stage.measurement, ahead or _Ahead()
     starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
     most = max(measurement.rms, LEAST_NOISE)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
-    wide = None
-    if len(starts) > MANY and math.isfinite(ahead.minus_log_posterior):
-        wide = _settle(stage, most, starts)
-        starts = wide.starts
     hopeless = ahead.hopeless_cost(measurement)
     now = _settle(stage, floor, starts, hopeless)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
     if now.settled and now.misfit == 0.0:
         return [now]
-    if wide is not None:
-        return [now, wide]
     wide = _settle(stage, most, starts)
     if min(now.minus_log_posterior, wide.minus_log_posterior) > ahead.minus_log_posterior + HOPELESS:
         return [now, wide]
@@ -279,7 +278,7 @@ class Round(NamedTuple):
     @property
     def settled(self) -> bool:
         """Whether the misfit found is the one allowed for."""
-        return abs(self.misfit - self.allowance) <= MISFIT_CHANGE * self.allowance
+        return abs(self.misfit - self.allowance) <= SAME_MISFIT * self.allowance
 
     @property
     def minus_log_posterior(self) -> float:
@@ -291,7 +290,7 @@ class Round(NamedTuple):
 def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float = math.inf) -> Round:
     """Rounds until the allowance equals the misfit found. **Arguments:** ``hopeless``: cost with which the first of them does not go on."""
     now = _round(stage, allowance, starts, stage.space.model, hopeless)
-    for _ in range(MISFIT_ROUNDS - 1):
+    for _ in range(MOST_ROUNDS - 1):
         if now.settled or not math.isfinite(now.best.cost):
             break
         now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(first_cost=now.first_cost)
@@ -304,10 +303,8 @@ def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, ho
     ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget, hopeless=hopeless)
     best = best_of(ends)
     # Of many starts a few optima are left.
-    ended = [Start.at(end) for end in distinct_of(ends)[:KEPT]]
-    if not ended:
-        lowest = sorted(zip(ends, starts, strict=True), key=lambda pair: pair[0].cost)[:KEPT]
-        ended = [Start.at(end) if math.isfinite(end.cost) else start for end, start in lowest]
+    ended = [Start.at(end) for end in distinct_of(ends)]
+    ended = ended or [Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)]
     left = residual_vectors(best.local.error, data)
     misfit = misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE)
     return Round(allowance, data, best, ended, misfit, best.cost if best.exact else math.inf)

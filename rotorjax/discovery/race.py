@@ -12,23 +12,19 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax._core import CONVERGED, CUT_OFF
 from rotorjax.effects import CATALOG
-from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
+from rotorjax.inference.data import MOST_STARTS, Data, declared_starts, make_data, residual_vectors
 from rotorjax.inference.descent import HOPELESS, QUICK, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.linearised import Budget
-from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
+from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.measurement import Measurement
 from rotorjax.model import AbstractRotor, Effect, Family, Instant, Model, RestoringEffect
 from rotorjax.space import Space, make_space, with_company
 
-MOST_STARTS, MOST_PARENTS = 8, 2
-"""Starts of one set of effects, and known neighbours whose optima they come from."""
-NOISE_ROUNDS, ALONE_ROUNDS = 6, 20
-"""Most alternations between a race and the noise that its leader leaves, and of the leader's fit and its own misfit."""
+MOST_PARENTS = 2
+"""Known neighbours of a set of effects whose optima its starts come from."""
 EXACT_SHARE = 50_000
 """Single cases that one race under the noise that is known may linearise: twice what it took where one of the drawn hypotheses held."""
-NOISE_CHANGE = 0.05
-"""Relative change of the noise below which it stands."""
 NOISE_FALL = 0.5
 """What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
 WORTH_TRYING = 40.0
@@ -334,7 +330,7 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
                 return Race(contest.floor, exact, _leader(contest, exact, wanted))
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
     found = {**known, **race(contest, noise, wanted, known, also=exact)}
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
         if _same(quiet, noise):
@@ -366,7 +362,7 @@ def _leader_holds(contest: Contest, found: Known, wanted: list[Effects]) -> bool
 
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:
     """The misfit that one contender leaves when it is fitted under just that misfit, and the contender there."""
-    for _ in range(ALONE_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         after = noise._replace(allowance=misfit_left(contest, contender))
         if _same(after, noise):
             break
@@ -380,7 +376,7 @@ def _falls(after: Noise, before: Noise) -> bool:
 
 
 def _same(one: Noise, other: Noise) -> bool:
-    return abs(one.allowance - other.allowance) <= NOISE_CHANGE * max(one.allowance, other.allowance)
+    return abs(one.allowance - other.allowance) <= SAME_MISFIT * max(one.allowance, other.allowance)
 
 
 def misfit_left(contest: Contest, contender: Contender) -> float:

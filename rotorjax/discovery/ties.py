@@ -10,19 +10,17 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax._core import as_array, numpy_pair
-from rotorjax.discovery.race import Contender, Contest, Effects, Known, anew, contender_of, race
+from rotorjax.discovery.race import WORTH_TRYING, Contender, Contest, Effects, Known, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
 from rotorjax.inference.data import Data, half_order_sign
-from rotorjax.inference.descent import HOPELESS, End
+from rotorjax.inference.descent import End
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prior import Prior, cost_of_size, prior_at, together
 from rotorjax.measurement import is_half_order
 from rotorjax.model import Effect
 
-TIMED_HOPELESS = 40.0
-"""The same as `HOPELESS` for sets with forces that depend on motion."""
 SCALES = (1.0 / 3.0, 3.0)
 """Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
 NEAR = 15.0
@@ -136,7 +134,7 @@ def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) 
 
 def _near(contest: Contest, effects: Effects, log_evidence: float, winner: Contender) -> bool:
     """Whether a set, or its best part, is near enough to the winner to be fitted again."""
-    return log_evidence > winner.log_evidence - (TIMED_HOPELESS if effects & contest.timed else HOPELESS)
+    return log_evidence > winner.log_evidence - WORTH_TRYING
 
 
 def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:

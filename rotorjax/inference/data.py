@@ -14,7 +14,8 @@ from rotorjax.measurement import Measurement, is_half_order
 from rotorjax.model import Model
 from rotorjax.space import Space
 
-MAX_STARTS = 32
+MOST_STARTS = 8
+"""Of one fit."""
 MAX_FOLDS, LEAST_RUN_FOLDS = 5, 4
 
 
@@ -56,7 +57,7 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
 
 
 def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float) -> Float[np.ndarray, "start param"]:
-    """Where to begin: the values given, every start that a free effect declares, then combinations, at most `MAX_STARTS`.
+    """Where to begin: the values given, every start that a free effect declares, then combinations, at most `MOST_STARTS`.
 
     **Arguments:** ``reach``: largest displacement measured [m], where starts are relative to it; the sag under the weight comes on top where
     order 0 was not measured.
@@ -81,7 +82,7 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
             start[unknown] = value
         if not any(np.array_equal(start, other) for other in starts):
             starts.append(start)
-        if len(starts) == MAX_STARTS:
+        if len(starts) == MOST_STARTS:
             break
     return np.stack(starts)
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from rotorjax._core import COARSE, CONVERGED, CUT_OFF, FINE, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Tolerance
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
-from rotorjax.inference.motions import balanced, first_motions
+from rotorjax.inference.motions import BALANCED, balanced, first_motions
 from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
 from rotorjax.inference.scan import scan
@@ -26,40 +26,28 @@ HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
-WELL, POORLY = 0.5, 0.25
-"""Shares of the fall that a step promises, down to which the next ones are damped less, and below which more."""
-BALANCED = 0.3
-"""Standard errors by which the reading of a motion may be off what balance would make of it."""
 
 
 class Manner(NamedTuple):
     """How exactly a descent ends, and how it goes there."""
 
     tolerance: Tolerance
-    most_steps: int = 100
+    most_steps: int = 60
     most_stalled: int = 12
     """Steps in a row that gain nothing."""
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
     firmer: float = 0.5
     """What is left of that freedom after every step that lowers the cost."""
-    firm: float = 0.1
-    """Freedom in the vectors, in standard errors, from which on there is none."""
     lenient: float = 0.02
     """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
-    tight: float = 0.1
-    """Standard errors by which the reading of a motion without freedom may be off balance before it is moved towards it."""
     largest_step: float = 1.0
     """Of the motion of a case, in its size."""
-    rivals: int = 3
-    """Starts of the same fit that go on once their motions balance."""
-    patience: int = 6
-    """Steps after which a start may be given up for others of the same fit, or for what is better by far."""
-    promising: int = 3
-    """The same where it does not even promise to come near that."""
+    patience: int = 3
+    """Steps of motions without freedom after which a start may be given up for what is better."""
 
 
-THOROUGH, QUICK = Manner(FINE), Manner(COARSE, most_steps=60)
+THOROUGH, QUICK = Manner(FINE), Manner(COARSE)
 """For estimates; and for ranking many hypotheses."""
 
 
@@ -183,10 +171,10 @@ def _run(lin: Linearisation, starts: list[Start], tasks: "list[Task]", manner: M
             for one in going:
                 one.result = CUT_OFF
             break
-        for one, there in zip(going, _linearised(lin, going, manner), strict=True):
+        for one, there in zip(going, _linearised(lin, going), strict=True):
             one.advance(there)
         if going[0].task.shift is None:
-            _give_up(running, manner, hopeless)
+            _give_up(running, hopeless)
     return running
 
 
@@ -207,23 +195,23 @@ def _as_measured(one: "_Descent") -> Start | None:
 
 def _scanned(one: "_Descent") -> Start | None:
     """At the best strength of its force, with the motions there."""
-    found = scan(one.lin, one.trial.unknowns, one.task.free, one.task.training, one.manner.tight)
+    found = scan(one.lin, one.trial.unknowns, one.task.free, one.task.training)
     return None if found is None else Start(*found)
 
 
-def _linearised(lin: Linearisation, going: "list[_Descent]", manner: Manner) -> list[Linearised]:
+def _linearised(lin: Linearisation, going: "list[_Descent]") -> list[Linearised]:
     """The trials linearised; those whose motions have no freedom any more at motions that balance, as far as these are found."""
     found = lin.at([d.trial for d in going], [d.task.free for d in going])
-    astray = [k for k, one in enumerate(found) if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > manner.tight)]
+    astray = [k for k, one in enumerate(found) if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > BALANCED)]
     if astray:
-        trials, cases = balanced(lin, [found[k] for k in astray], manner.tight)
+        trials, cases = balanced(lin, [found[k] for k in astray], BALANCED)
         again = lin.timed_at(trials, [going[k].task.free for k in astray], cases)
         for k, near, one in zip(astray, cases, again, strict=True):
             found[k] = found[k].with_cases(lin.states, near, one)
     return found
 
 
-def _give_up(running: "list[_Descent]", manner: Manner, hopeless: float) -> None:
+def _give_up(running: "list[_Descent]", hopeless: float) -> None:
     """End descents that others have left far behind, by costs of motions that balance only."""
     for cases in {d.task.kind[1] for d in running}:
         own = [d for d in running if d.task.kind[1] == cases]
@@ -235,7 +223,7 @@ def _give_up(running: "list[_Descent]", manner: Manner, hopeless: float) -> None
         if len(rivals) > 1:
             ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
-                one.give_up(one.patient and (place >= manner.rivals or any(one.joins(other) for other in ranked[:place])))
+                one.give_up(one.patient and any(one.joins(other) for other in ranked[:place]))
 
 
 @dataclasses.dataclass
@@ -286,7 +274,7 @@ class _Descent:
 
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too much, as a rule."""
-        return self.settled and self.since >= self.manner.promising and self.foreseen > cost
+        return self.settled and self.patient and self.foreseen > cost
 
     def give_up(self, hopeless: bool) -> None:
         """End it where it stands."""
@@ -314,8 +302,7 @@ class _Descent:
             self.result, self.done = NOT_FINITE, True
             return
         if taken and not first:
-            self.damping *= self._kept_damping(before - self.cost)
-            self.damping, self.cap = max(self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
+            self.damping, self.cap = max(0.1 * self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
         elif not taken:
             self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
         if taken:
@@ -333,12 +320,6 @@ class _Descent:
             self._arrived()
         elif stuck:
             self._give_in(balanced)
-
-    def _kept_damping(self, fall: float) -> float:
-        """Share of the damping that is kept: little where the cost fell as promised (Marquardt), none taken off where it hardly did."""
-        if self.freedom > 0.0 or fall > WELL * self.promised:
-            return 0.1
-        return 0.5 if fall > POORLY * self.promised else 2.0
 
     def _take(self, there: Linearised, first: bool) -> bool:
         """Go on from a trial, if it is better."""
@@ -374,7 +355,7 @@ class _Descent:
         enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         while self.freedom > 0.0:
             self.freedom *= self.manner.firmer
-            self.freedom = 0.0 if self.freedom * size < self.manner.firm else self.freedom
+            self.freedom = 0.0 if self.freedom * size < BALANCED else self.freedom
             self.normal = Normal(self.lin, self.here, self.task, self.freedom)
             self.cost = self.normal.cost + self.prior.cost
             # More than enough freedom explains anything, and leaves the parameters to their prior.
@@ -409,7 +390,7 @@ class _Descent:
         free, point = self.task.free, self.here.point
         unknowns, step = point.unknowns.copy(), np.zeros(len(free))
         gradient = self.normal.gradient + self.prior.weight * unknowns[free]
-        hessian = self.normal.hessian + np.diag(self.prior.weight + self._bent(unknowns[free]))
+        hessian = self.normal.hessian + np.diag(self.prior.weight)
         decrement, self.foreseen = 0.0, self.normal.cost
         if len(free):
             scale = 1.0 / np.sqrt(np.diag(hessian))
@@ -426,12 +407,6 @@ class _Descent:
             motions = self._capped(self.normal.motion_step(step))
         self.trial = Point(unknowns, motions, point.refined)
         return decrement
-
-    def _bent(self, unknowns: Float[np.ndarray, "free"]) -> Float[np.ndarray, "free"]:
-        """Second derivatives that squares of residuals leave out, of unknowns of which only the square counts: the gradient over the unknown."""
-        assert self.normal is not None
-        even = self.lin.even[self.task.free] & (unknowns != 0.0)
-        return np.where(even, np.maximum(self.normal.gradient / np.where(even, unknowns, 1.0), 0.0), 0.0)
 
     def _capped(self, change: Float[np.ndarray, "state motion"]) -> Float[np.ndarray, "state dof wide"]:
         """The motions after a step that is no longer than a share of each."""

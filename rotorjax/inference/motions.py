@@ -5,6 +5,8 @@ from jaxtyping import Float, Int
 
 from rotorjax.inference.linearised import Freedom, Imbalance, Linearisation, Linearised, Point
 
+BALANCED = 0.1
+"""Standard errors by which the reading of a motion may be off what balance would make of it."""
 FIRST_MOTION = 10.0
 """Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
 LIKE = 99.0

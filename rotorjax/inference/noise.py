@@ -25,8 +25,8 @@ LEAST_NOISE = 1e-12
 """Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
 SAME_SPEED = 0.005
 """Relative difference up to which readings of different runs are at one speed for influence coefficients."""
-MISFIT_PASSES = 5
-"""Passes of the equation for the misfit that scatter between runs leaves."""
+SAME_MISFIT, MOST_ROUNDS = 0.05, 12
+"""Relative change of a misfit below which it stands, and most alternations between a fit and the misfit that it leaves."""
 LEAST_GAIN = 2.0
 """Log likelihood that scatter between runs must gain to be believed."""
 
@@ -238,7 +238,7 @@ def misfit_of(measurement: Measurement, model: Model, residual: Complex[np.ndarr
         total = float(np.sum(numpy_pair(residual)[counted] ** 2)) / max(1, int(counted.sum()) - fitted)
         return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     allowance = floor.allowance
-    for _ in range(MISFIT_PASSES):
+    for _ in range(MOST_ROUNDS):
         errors = whitened_residual(measurement, model, residual, Noise(allowance, floor.scatter))
         chi2 = float(errors @ errors) / max(1, len(errors) - fitted)
         if allowance == floor.allowance and chi2 <= LARGEST_HEALTHY_CHI2:

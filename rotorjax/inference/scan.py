@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from rotorjax.inference.linearised import Linearisation, Point
-from rotorjax.inference.motions import balanced
+from rotorjax.inference.motions import BALANCED, balanced
 
 STRENGTHS = 0.1 * 1.5 ** np.arange(14)
 """In prior scales, with either sign."""
@@ -24,12 +24,10 @@ class Scanned(NamedTuple):
     motions: Float[np.ndarray, "state dof wide"]
 
 
-def scan(
-    lin: Linearisation, point: Float[np.ndarray, "param"], free: Int[np.ndarray, "free"], training: Bool[np.ndarray, "case"], tight: float
-) -> Scanned | None:
+def scan(lin: Linearisation, point: Float[np.ndarray, "param"], free: Int[np.ndarray, "free"], training: Bool[np.ndarray, "case"]) -> Scanned | None:
     """The strength that comes nearest to the data, if motions balance at any and the free unknowns have just one strength of a force.
 
-    **Arguments:** ``point``: values of all other unknowns; ``tight``: standard errors by which the reading may be off balance.
+    **Arguments:** ``point``: values of all other unknowns.
     """
     strength = free[lin.space.timed()[free]]
     if len(strength) != 1:
@@ -47,9 +45,9 @@ def scan(
             here = lin.at([Point(trial, motions)], [none])
             if not here[0].finite or lin.budget.exhausted:
                 break
-            (near,), _ = balanced(lin, here, tight)
+            (near,), _ = balanced(lin, here, BALANCED)
             (there,) = lin.at([near], [none])
-            if there.freedom is None or not there.finite or np.any(there.freedom.off[judged] > tight):
+            if there.freedom is None or not there.finite or np.any(there.freedom.off[judged] > BALANCED):
                 break
             motions = lin.moved(there, -there.freedom.newton)
             cost = float(np.sum(there.error[training] ** 2))
@@ -57,5 +55,5 @@ def scan(
                 best, found = cost, Scanned(trial, motions)
     if found is None:
         return None
-    ((point, motions, _),), _ = balanced(lin, lin.at([Point(*found, refined=True)], [none]), tight)
+    ((point, motions, _),), _ = balanced(lin, lin.at([Point(*found, refined=True)], [none]), BALANCED)
     return Scanned(point, np.asarray(motions))

@@ -17,6 +17,7 @@ from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import HOPELESS, QUICK, THOROUGH, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Budget, Linearisation, Point
+from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.scan import scan
@@ -267,11 +268,11 @@ def test_a_scan_follows_the_motion_to_the_strength_that_is_there(spring):
     held = np.where(np.arange(len(nothing)) == unknown, 2.0, 0.0)
     shown = predict(space, measurement.conditions, held, budget=Budget()).shown
     lin = Linearisation(space, data._replace(pairs=np.stack([shown.real, shown.imag], axis=-1)), Budget())
-    point, motions = scan(lin, nothing, one, every, QUICK.tight)
+    point, motions = scan(lin, nothing, one, every)
     assert 2.0 / 1.5 < point[unknown] < 2.0 * 1.5
     (there,) = lin.at([Point(point, motions, refined=True)], [one])
-    assert np.all(there.freedom.off <= QUICK.tight)
-    assert scan(lin, nothing, two, every, QUICK.tight) is None
+    assert np.all(there.freedom.off <= BALANCED)
+    assert scan(lin, nothing, two, every) is None
 
 
 def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring, monkeypatch):
