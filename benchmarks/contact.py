@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from rotorjax import Conditions, Jeffcott, Layout, Model, effects, response, steady_states
-from rotorjax.tables import Table
+from rotorjax.reporting.tables import Table
 
 from nonlinear_oracle import DOWN, NonlinearRotor, Orbit, rub
 

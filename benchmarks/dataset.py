@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorjax.tables import Table, number
+from rotorjax.reporting.tables import Table, number
 
 MASS, STIFFNESS, RATIO = 0.9686, (56538.0, 51282.0), (0.0050, 0.0047)
 SPEED_RPM, UNBALANCE, BOW = 1500.0, 1e-3, 0.05
@@ -83,7 +83,7 @@ def ours() -> Callable[[int], object]:
     import jax  # noqa: PLC0415  here and below: the peers' memory is without it
 
     from rotorjax import Jeffcott  # noqa: PLC0415
-    from rotorjax.dataset import make_dataset  # noqa: PLC0415
+    from rotorjax.diagnosis.dataset import make_dataset  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
     rotor, key = Jeffcott(MASS, STIFFNESS, RATIO), jax.random.key(0)
@@ -103,7 +103,7 @@ def files() -> dict[str, float]:
     import jax  # noqa: PLC0415
 
     from rotorjax import Jeffcott  # noqa: PLC0415
-    from rotorjax.dataset import Recipe, read_dataset, stream  # noqa: PLC0415
+    from rotorjax.diagnosis.dataset import Recipe, read_dataset, stream  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
     recipe = Recipe(Jeffcott(MASS, STIFFNESS, RATIO), SPEED_RPM, FILES_COUNT, key=jax.random.key(0), chunk=CHUNK)

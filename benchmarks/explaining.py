@@ -15,8 +15,8 @@ from ranking import sixty_conditions
 from timing import timed
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, explain, read_measurement, read_rig
+from rotorjax.data.simulate import noisy
 from rotorjax.effects.terms import TERMS
-from rotorjax.simulate import noisy
 
 NOISE_UM = 0.5
 ORDERS = (0.0, 1.0, 2.0, 3.0)

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from rotorjax import explain
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.ties import Alternative
-from rotorjax.tables import number
+from rotorjax.reporting.tables import number
 
 from drawn_effects import Hidden, draw
 

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from rotorjax import Conditions, Jeffcott, Layout, Model, effects, steady_states
-from rotorjax.tables import Table
+from rotorjax.reporting.tables import Table
 
 WEIGHT = 9.80665
 ORDERS = (0.0, 0.5, 1.0, 2.0)

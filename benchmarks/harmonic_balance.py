@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from timing import best, timed
 
 from rotorjax import Conditions, Effect, Jeffcott, Model, effects, response
-from rotorjax.tables import Table
+from rotorjax.reporting.tables import Table
 
 ROTOR = Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05])
 SPEEDS = np.linspace(90.0, 400.0, 20)

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from rotorjax import fit
 from rotorjax.discovery.named_force import NamedForce, name_force
 from rotorjax.effects.terms import TERMS
-from rotorjax.tables import number
+from rotorjax.reporting.tables import number
 
 from drawn_forces import Drawn, draw, measured
 

@@ -22,7 +22,7 @@ from rotorjax.discovery.race import Contest, Effects, Known, make_contest, race
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.noise import NO_NOISE
-from rotorjax.response import response
+from rotorjax.physics.response import response
 
 SIGMA = 0.3e-6
 NONE: Effects = frozenset()

@@ -32,18 +32,19 @@ import tabulate
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import rotorjax
 from rotorjax import Measurement, Model, RestoringEffect, effects
+from rotorjax.data.files import write_whole
 from rotorjax.discovery.race import Contest, Effects, make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.data import declared_starts
-from rotorjax.inference.descent import QUICK, THOROUGH, End, Manner, Start, best_of, descend, starts_at
+from rotorjax.inference.descent import End, Start, best_of, descend, starts_at
 from rotorjax.inference.linearised import Budget, Linearisation
+from rotorjax.inference.manner import QUICK, THOROUGH, Manner
 from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
-from rotorjax.io.files import write_whole
-from rotorjax.space import Space
-from rotorjax.steady import timed_vectors
+from rotorjax.inference.space import Space
+from rotorjax.physics.steady_state import timed_vectors
 
 import drawn_effects
 import drawn_forces

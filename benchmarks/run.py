@@ -26,8 +26,8 @@ from scipy.optimize import least_squares
 from timing import best
 
 from rotorjax import Conditions, Jeffcott, Model, effects, fit, read_measurement, read_rig
-from rotorjax.response import vectors
-from rotorjax.tables import Table
+from rotorjax.physics.response import vectors
+from rotorjax.reporting.tables import Table
 
 ROTORS, SPEEDS = 100_000, np.linspace(60.0, 360.0, 7)
 

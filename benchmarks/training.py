@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.tables import Table, number
+from rotorjax.reporting.tables import Table, number
 
 SPEED_RPM, COUNT, SEED, HIDDEN = 1500.0, 10_000, 0, 40
 LIMIT_S = 240.0
@@ -88,7 +88,7 @@ def paper_cases():
     import jax  # noqa: PLC0415  here and below: a peer's process loads only what it needs
 
     jax.config.update("jax_enable_x64", True)
-    from rotorjax.dataset import make_dataset, split  # noqa: PLC0415
+    from rotorjax.diagnosis.dataset import make_dataset, split  # noqa: PLC0415
     from rotorjax.paper.printed import rotor  # noqa: PLC0415
 
     draw, parts = jax.random.split(jax.random.key(SEED))
@@ -101,7 +101,7 @@ def scaled(train_cases, test_cases) -> Cases:
     import jax  # noqa: PLC0415
     import jax.numpy as jnp  # noqa: PLC0415
 
-    from rotorjax.network import Range  # noqa: PLC0415
+    from rotorjax.diagnosis.network import Range  # noqa: PLC0415
 
     inputs, outputs = Range.of(train_cases.features, "features"), Range.of(train_cases.faults, "faults")
     parts = [
@@ -123,19 +123,19 @@ def extended(x: np.ndarray) -> np.ndarray:
 
 
 def rotorjax_default(cases: Cases, recorder: Recorder) -> tuple[Predict, str]:
-    from rotorjax.training import Whitened  # noqa: PLC0415
+    from rotorjax.diagnosis.training import Whitened  # noqa: PLC0415
 
     return rotorjax_method(Whitened(), cases, recorder)
 
 
 def rotorjax_published(cases: Cases, recorder: Recorder) -> tuple[Predict, str]:
-    from rotorjax.training import BayesianRegularisation  # noqa: PLC0415
+    from rotorjax.diagnosis.training import BayesianRegularisation  # noqa: PLC0415
 
     return rotorjax_method(BayesianRegularisation(), cases, recorder)
 
 
 def rotorjax_optax(cases: Cases, recorder: Recorder) -> tuple[Predict, str]:
-    from rotorjax.training import OptaxL2  # noqa: PLC0415
+    from rotorjax.diagnosis.training import OptaxL2  # noqa: PLC0415
 
     return rotorjax_method(OptaxL2(steps=OPTAX_STEPS), cases, recorder)
 
@@ -144,7 +144,7 @@ def rotorjax_method(method, cases: Cases, recorder: Recorder) -> tuple[Predict, 
     import jax  # noqa: PLC0415
     import jax.numpy as jnp  # noqa: PLC0415
 
-    from rotorjax.training import Scaled  # noqa: PLC0415
+    from rotorjax.diagnosis.training import Scaled  # noqa: PLC0415
 
     data = Scaled(jnp.asarray(cases.x), jnp.asarray(cases.t))
     perceptron, _, stopped = method.fit(data, HIDDEN, jax.random.key(SEED), lambda epoch, rms: recorder(rms))
@@ -229,7 +229,7 @@ def optimistix_lm(cases: Cases, recorder: Recorder) -> tuple[Predict, str]:
     import jax.numpy as jnp  # noqa: PLC0415
     import optimistix as optx  # noqa: PLC0415
 
-    from rotorjax.training import nguyen_widrow  # noqa: PLC0415
+    from rotorjax.diagnosis.training import nguyen_widrow  # noqa: PLC0415
 
     x, t = jnp.asarray(cases.x), jnp.asarray(cases.t)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tabulate
 
-from rotorjax.io.files import write_whole
+from rotorjax.data.files import write_whole
 
 
 def summary(rows: list[list[str]]) -> str:

@@ -28,7 +28,7 @@ from timing import timed
 from rotorjax import explain
 from rotorjax.cli import _compute
 from rotorjax.cli import main as command_line
-from rotorjax.io.files import write_whole
+from rotorjax.data.files import write_whole
 
 DRAWN = {
     "cubic spring, 60 cases": ("strong_cubic", 0),

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax
 
 from rotorjax import explain, read_measurement, read_rig
-from rotorjax.pictures import headline_figure
+from rotorjax.reporting.pictures import headline_figure
 
 
 def main() -> None:

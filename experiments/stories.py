@@ -17,10 +17,10 @@ from pathlib import Path
 import jax
 
 from rotorjax import Explanation, explain, read_measurement, read_rig
-from rotorjax.answer import explanation_json, explanation_text, notes, sentence
 from rotorjax.cli import progress_line, write_report
-from rotorjax.pictures import headline_figure
-from rotorjax.tables import Table, number
+from rotorjax.reporting.explanation import explanation_json, explanation_text, notes, sentence
+from rotorjax.reporting.pictures import headline_figure
+from rotorjax.reporting.tables import Table, number
 
 MICROMETRE = 1e-6
 

@@ -19,13 +19,13 @@ import numpy as np
 from tqdm import tqdm
 
 from rotorjax import Jeffcott
-from rotorjax.conditioned import ConditionedNetwork, train_conditioned
-from rotorjax.dataset import sample_faults
-from rotorjax.features import FaultValues, components, feature_map, inverse_map
-from rotorjax.io.files import write_whole
-from rotorjax.network import Range
-from rotorjax.tables import Table, number
-from rotorjax.training import BayesianRegularisation, Scaled
+from rotorjax.data.files import write_whole
+from rotorjax.diagnosis.conditioned import ConditionedNetwork, train_conditioned
+from rotorjax.diagnosis.dataset import sample_faults
+from rotorjax.diagnosis.features import FaultValues, components, feature_map, inverse_map
+from rotorjax.diagnosis.network import Range
+from rotorjax.diagnosis.training import BayesianRegularisation, Scaled
+from rotorjax.reporting.tables import Table, number
 
 UNITS = np.array([1e-6, 1e-6, 1e-3, 1e-3])
 """g mm and mm."""

@@ -22,14 +22,14 @@ import numpy as np
 import tabulate
 from tqdm import tqdm
 
-from rotorjax._core import GRAM_MILLIMETRE
-from rotorjax.compensation import LinearInverse
-from rotorjax.dataset import Dataset, Split, make_dataset, split, with_noise
-from rotorjax.io.files import write_whole
+from rotorjax.data.files import write_whole
+from rotorjax.diagnosis.compensation import LinearInverse
+from rotorjax.diagnosis.dataset import Dataset, Split, make_dataset, split, with_noise
+from rotorjax.diagnosis.training import BayesianRegularisation, Method, OptaxL2, Training, Whitened, rms_errors, train
 from rotorjax.paper.printed import printed, rotor
 from rotorjax.paper.tables import READINGS
-from rotorjax.tables import number
-from rotorjax.training import BayesianRegularisation, Method, OptaxL2, Training, Whitened, rms_errors, train
+from rotorjax.reporting.tables import number
+from rotorjax.units import GRAM_MILLIMETRE
 
 MILLIMETRE = 1e-3
 COMPONENTS = ("U_x_g_mm", "U_y_g_mm", "s_x_mm", "s_y_mm")

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
+    from rotorjax.data.measurement import Measurement
+    from rotorjax.data.rig import Rig
     from rotorjax.discovery.explain import Explanation
     from rotorjax.discovery.story import Story
-    from rotorjax.io.rig import Rig
-    from rotorjax.measurement import Measurement
-    from rotorjax.model import Effect, Model
+    from rotorjax.model.contract import Effect
+    from rotorjax.model.model import Model
 
 BAD_INPUT, INTERRUPTED = 2, 130
 MOST_PROBLEMS = 20
@@ -142,8 +143,8 @@ def _cache_folder() -> str | None:
 
 
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
-    from rotorjax.io.rig import read_rig
-    from rotorjax.io.table import read_table
+    from rotorjax.data.rig import read_rig
+    from rotorjax.data.table import read_table
 
     rig = read_rig(options.rig)
     table = read_table(options.data, probes=rig.model.layout.probes)
@@ -176,7 +177,7 @@ def _compare(options: argparse.Namespace) -> None:
     _check_outputs(options)
     _compute()
     from rotorjax.discovery.story import tell
-    from rotorjax.report import comparison_json, comparison_text
+    from rotorjax.reporting.comparison import comparison_json, comparison_text
 
     rig, measurement = _read(options)
     additions, fixed = parse_effects(options.effect, rig.model.with_orders(measurement.orders))
@@ -201,11 +202,11 @@ def _write_outputs(options: argparse.Namespace, rig: "Rig", model: "Model", cont
 
 def write_report(path: Path, result: "Story | Explanation", *, title: str) -> None:
     """Write the HTML report of a comparison or of an explanation."""
-    from rotorjax.answer import explanation_page
+    from rotorjax.data.files import write_whole
     from rotorjax.discovery.story import Story
-    from rotorjax.io.files import write_whole
-    from rotorjax.pictures import explanation_pictures, story_pictures
-    from rotorjax.report import comparison_page, html_report
+    from rotorjax.reporting.comparison import comparison_page, html_report
+    from rotorjax.reporting.explanation import explanation_page
+    from rotorjax.reporting.pictures import explanation_pictures, story_pictures
 
     if isinstance(result, Story):
         page = comparison_page(result, title=title, pictures=story_pictures(result))
@@ -222,8 +223,8 @@ def _explain(options: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress(f"reading {options.data}")
         _compute()
-        from rotorjax.answer import explanation_json, explanation_text
         from rotorjax.discovery.explain import explain
+        from rotorjax.reporting.explanation import explanation_json, explanation_text
 
         rig, measurement = _read(options)
         declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
@@ -297,8 +298,8 @@ def _effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
     """Names of effects, separated by commas, all known."""
     if text is None:
         return None
+    from rotorjax.data.section import nearest
     from rotorjax.effects import CATALOG
-    from rotorjax.io.section import nearest
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if unknown := [name for name in names if name not in CATALOG]:
@@ -307,16 +308,16 @@ def _effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    from rotorjax.io.files import write_whole
+    from rotorjax.data.files import write_whole
 
     write_whole(path, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], frozenset[str]]":
     """Effects from ``NAME:PARAMETER=VALUE,...`` as the command line gives them, and the keys of the values given."""
+    from rotorjax.data.rig import effect_from_labels
+    from rotorjax.data.section import nearest
     from rotorjax.effects.terms import NAMED
-    from rotorjax.io.rig import effect_from_labels
-    from rotorjax.io.section import nearest
 
     effects, fixed, problems = [], set(), []
     for text in texts:
@@ -364,8 +365,8 @@ def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, flo
 def _diagnose(options: argparse.Namespace) -> None:
     _check_outputs(options)
     _compute()
-    from rotorjax.inverse import diagnose
-    from rotorjax.report import diagnosis_json, diagnosis_table, measurement_line
+    from rotorjax.diagnosis.inverse import diagnose
+    from rotorjax.reporting.comparison import diagnosis_json, diagnosis_table, measurement_line
 
     rig, measurement = _read(options)
     try:
@@ -382,10 +383,10 @@ def _simulate(options: argparse.Namespace) -> None:
     if options.like and options.orders:
         raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     _compute()
-    from rotorjax.io.rig import read_measurement, read_rig
-    from rotorjax.report import objections
-    from rotorjax.simulate import noisy, plan_like, plan_speeds
-    from rotorjax.steady_states import steadiness
+    from rotorjax.data.rig import read_measurement, read_rig
+    from rotorjax.data.simulate import noisy, plan_like, plan_speeds
+    from rotorjax.physics.stability import steadiness
+    from rotorjax.reporting.comparison import objections
 
     rig = read_rig(options.rig)
     if not 0.0 <= options.noise_um < float("inf"):
@@ -407,7 +408,7 @@ def _simulate(options: argparse.Namespace) -> None:
 def _effects(options: argparse.Namespace) -> None:
     from importlib.resources import files
 
-    from rotorjax.tables import Table
+    from rotorjax.reporting.tables import Table
 
     catalogue = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
     if options.name is None:
@@ -418,7 +419,7 @@ def _effects(options: argparse.Namespace) -> None:
     elif options.name in catalogue:
         print(catalogue[options.name]["page"])
     else:
-        from rotorjax.io.section import nearest
+        from rotorjax.data.section import nearest
 
         raise InputError(f"unknown effect {options.name!r}; {nearest(options.name, catalogue)}")
 

@@ -38,7 +38,7 @@ def shapes_checked(request):
 
 @pytest.fixture(autouse=True)
 def spare_memory_maps():
-    from rotorjax._core import forget_compiled
+    from rotorjax.compilation import forget_compiled
 
     forget_compiled()
 

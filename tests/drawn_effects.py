@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rotorjax import Conditions, Jeffcott, Knowledge, Layout, Measurement, Model
-from rotorjax.measurement import Uncertain
+from rotorjax.data.measurement import Uncertain
 
 import nonlinear_oracle as in_time
 from hidden import Machine

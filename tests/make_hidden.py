@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorjax import Jeffcott
 from rotorjax.effects import CATALOG
-from rotorjax.model import RestoringEffect, WaveformEffect
+from rotorjax.model.contract import RestoringEffect, WaveformEffect
 
 import hidden
 

@@ -3,8 +3,8 @@
 from importlib.resources import files
 from pathlib import Path
 
+from rotorjax.data.files import write_whole
 from rotorjax.errors import InputError
-from rotorjax.io.files import write_whole
 
 FILES = ("measurement.csv", "rig.toml")
 GUIDE = """Written to {folder}: measurement.csv (vibration vectors), rig.toml (the rotor, its probes and runs).

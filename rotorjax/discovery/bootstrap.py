@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import numpy_pair
+from rotorjax.arrays import numpy_pair
 from rotorjax.discovery.race import Contender, Contest
 from rotorjax.inference.data import Data
-from rotorjax.inference.descent import QUICK, End, Start, descend
+from rotorjax.inference.descent import End, Start, descend
+from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.squares import squares_of
 

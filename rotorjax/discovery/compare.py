@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax._core import MICROMETRE
+from rotorjax.data.measurement import Measurement, require_steady
 from rotorjax.inference.noise import reduced_chi2
-from rotorjax.measurement import Measurement, require_steady
-from rotorjax.model import AbstractRotor, Model
-from rotorjax.response import response
+from rotorjax.model.contract import AbstractRotor
+from rotorjax.model.model import Model
+from rotorjax.physics.response import response
+from rotorjax.units import MICROMETRE
 
 
 class Cell(NamedTuple):

@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Complex
 from scipy.special import chdtrc
 
-from rotorjax._core import MICROMETRE, Tolerance, forget_compiled, numpy_pair, require_float64
+from rotorjax.arrays import numpy_pair, require_float64
+from rotorjax.compilation import forget_compiled
+from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
@@ -21,14 +23,16 @@ from rotorjax.discovery.search import DETECTED, Progress, Ranked, Selection, cha
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
-from rotorjax.inference.descent import QUICK, Start, best_of, descend
+from rotorjax.inference.descent import Start, best_of, descend
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
 from rotorjax.inference.linearised import Budget
+from rotorjax.inference.manner import QUICK, Tolerance
 from rotorjax.inference.noise import NO_SCATTER, Noise
 from rotorjax.inference.prediction import predict
-from rotorjax.measurement import Measurement, aligned_half_orders, require_steady
-from rotorjax.model import AbstractRotor, Effect, Model
-from rotorjax.response import response
+from rotorjax.model.contract import AbstractRotor, Effect
+from rotorjax.model.model import Model
+from rotorjax.physics.response import response
+from rotorjax.units import MICROMETRE
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""

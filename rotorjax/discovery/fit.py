@@ -9,13 +9,16 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
-from rotorjax._core import CONVERGED, MICROMETRE, NOT_FINITE, RESULT_TEXT, forget_compiled, require_float64
+from rotorjax.arrays import require_float64
+from rotorjax.compilation import forget_compiled
+from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
 from rotorjax.inference.data import Data, declared_starts, make_data, make_folds, residual_vectors
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.linearised import Budget
+from rotorjax.inference.manner import CONVERGED, NOT_FINITE, RESULT_TEXT
 from rotorjax.inference.noise import (
     FEW_RUNS,
     LEAST_NOISE,
@@ -30,9 +33,10 @@ from rotorjax.inference.noise import (
     reduced_chi2,
     run_floor,
 )
-from rotorjax.measurement import Measurement
-from rotorjax.model import Effect, Model
-from rotorjax.space import Entry, Space, make_space, with_company
+from rotorjax.inference.space import Entry, Space, make_space, with_company
+from rotorjax.model.contract import Effect
+from rotorjax.model.model import Model
+from rotorjax.units import MICROMETRE
 
 NORMAL_QUANTILE = 1.96
 UNDETERMINED = 0.8

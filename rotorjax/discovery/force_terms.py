@@ -18,7 +18,7 @@ from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import GAP, LEAST_FACTOR, LOGARITHMIC, STEP, TERMS, Shape, beyond, shapes
 from rotorjax.inference.force_balance import ForceBalance
-from rotorjax.model import Effect, ReadingEffect, SpeedEffect, WaveformEffect
+from rotorjax.model.contract import Effect, ReadingEffect, SpeedEffect, WaveformEffect
 
 FINER = (-0.05, -0.035, -0.02, -0.01, 0.01, 0.02, 0.035, 0.05)
 """Gaps tried around the best one, in the largest displacement."""

@@ -13,8 +13,9 @@ from rotorjax.discovery.race import WORTH_TRYING, Contest, Effects, Known, anew,
 from rotorjax.discovery.search import NOTHING, PRICE, Selection
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.data import make_folds, residual_vectors
-from rotorjax.inference.descent import QUICK, End, Start, best_of, descend
+from rotorjax.inference.descent import End, Start, best_of, descend
 from rotorjax.inference.influence import CLEAR, influenced
+from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import Noise
 
 

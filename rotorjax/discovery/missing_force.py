@@ -11,14 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import MICROMETRE, require_float64
+from rotorjax.arrays import require_float64
+from rotorjax.data.measurement import Measurement
 from rotorjax.effects.terms import Reach
-from rotorjax.harmonic import Grid, make_grid
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.inference.linear_rotor import LinearRotor, Sight
-from rotorjax.measurement import Measurement
-from rotorjax.model import Model, WaveformEffect
-from rotorjax.steady import positions
+from rotorjax.model.contract import WaveformEffect
+from rotorjax.model.model import Model
+from rotorjax.physics.harmonic_balance import Grid, make_grid
+from rotorjax.physics.steady_state import positions
+from rotorjax.units import MICROMETRE
 
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""

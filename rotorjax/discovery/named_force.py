@@ -5,14 +5,15 @@ import itertools
 import math
 from collections.abc import Mapping
 
+from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
 from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS, with_gap
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2
-from rotorjax.measurement import Measurement
-from rotorjax.model import Effect, Model
+from rotorjax.model.contract import Effect
+from rotorjax.model.model import Model
 
 LARGE_SHARE = 0.8
 """Share of the missing force that a term must have to be tried in the place of several effects where the regression wants more than it."""

@@ -5,15 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
+from rotorjax.arrays import numpy_pair
+from rotorjax.data.measurement import is_half_order
+from rotorjax.diagnosis.inverse import NEAR_PEAK, resonances_rpm
 from rotorjax.discovery.race import Contest
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
-from rotorjax.inverse import NEAR_PEAK, resonances_rpm
-from rotorjax.measurement import is_half_order
-from rotorjax.model import Conditions
-from rotorjax.steady import without_timed
+from rotorjax.model.conditions import Conditions
+from rotorjax.physics.steady_state import without_timed
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 SPEEDS = 41
 """Speeds tried within the limits."""

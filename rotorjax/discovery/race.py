@@ -10,16 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax._core import CONVERGED, CUT_OFF
+from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import MOST_STARTS, Data, declared_starts, make_data, residual_vectors
-from rotorjax.inference.descent import HOPELESS, QUICK, End, Local, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.linearised import Budget
+from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
 from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise, independent_numbers, misfit_of, run_floor
-from rotorjax.measurement import Measurement
-from rotorjax.model import AbstractRotor, Effect, Family, Instant, Model, RestoringEffect
-from rotorjax.space import Space, make_space, with_company
+from rotorjax.inference.space import Space, make_space, with_company
+from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
+from rotorjax.model.model import Model
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""

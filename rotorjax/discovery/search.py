@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.race import WORTH_TRYING, Contender, Contest, Effects, Known, Race, misfit_left, settle, with_floor
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
-from rotorjax.measurement import Measurement
 
 DETECTED = 0.05
 """Probability of "none" below which an effect counts as detected."""

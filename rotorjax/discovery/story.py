@@ -6,15 +6,16 @@ import functools
 import jax.numpy as jnp
 import numpy as np
 
-from rotorjax._core import MICROMETRE
+from rotorjax.data.measurement import Measurement, require_steady
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
 from rotorjax.discovery.rivals import Rival, rivals
-from rotorjax.measurement import Measurement, require_steady
-from rotorjax.model import Effect, Model
-from rotorjax.response import response
-from rotorjax.steady import is_timed
-from rotorjax.steady_states import steadiness
+from rotorjax.model.contract import Effect
+from rotorjax.model.model import Model
+from rotorjax.physics.response import response
+from rotorjax.physics.stability import steadiness
+from rotorjax.physics.steady_state import is_timed
+from rotorjax.units import MICROMETRE
 
 CORRELATED = 0.95
 """Correlation of two estimates above which the data fix a combination of them only."""

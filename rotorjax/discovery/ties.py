@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax._core import as_array, numpy_pair
+from rotorjax.arrays import as_array, numpy_pair
+from rotorjax.data.measurement import is_half_order
 from rotorjax.discovery.race import WORTH_TRYING, Contender, Contest, Effects, Known, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
@@ -18,8 +19,7 @@ from rotorjax.inference.descent import End
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prior import Prior, cost_of_size, prior_at, together
-from rotorjax.measurement import is_half_order
-from rotorjax.model import Effect
+from rotorjax.model.contract import Effect
 
 SCALES = (1.0 / 3.0, 3.0)
 """Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""

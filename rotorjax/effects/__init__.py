@@ -31,7 +31,7 @@ from rotorjax.effects.structure import MassError as MassError
 from rotorjax.effects.structure import SpeedDependentStiffness as SpeedDependentStiffness
 from rotorjax.effects.structure import StiffnessAxes as StiffnessAxes
 from rotorjax.effects.structure import StiffnessError as StiffnessError
-from rotorjax.model import Effect
+from rotorjax.model.contract import Effect
 
 _CLASSES: tuple[type[Effect], ...] = (
     ResidualUnbalance,

@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model import Excitation, ExcitationEffect, Family, OperatingPoint, Plan, parameter
+from rotorjax.model.contract import Excitation, ExcitationEffect, Family, OperatingPoint, Plan, parameter
 
 
 class ResidualUnbalance(ExcitationEffect):

@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model import Family, OperatingPoint, Reading, ReadingEffect, SpeedEffect, parameter
+from rotorjax.model.contract import Family, OperatingPoint, Reading, ReadingEffect, SpeedEffect, parameter
 
 API_670_GAIN = 0.05
 """Allowed error of a proximity probe's scale factor, interchangeability included (API 670, 5th edition, 2014)."""

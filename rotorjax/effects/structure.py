@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from rotorjax._core import diagonal
-from rotorjax.model import AbstractRotor, Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
+from rotorjax.arrays import diagonal
+from rotorjax.model.contract import AbstractRotor, Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
 
 FOUNDATION_DAMPING_RATIO = 0.05
 """Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al., Rotordynamik, 2006)."""

@@ -17,7 +17,7 @@ from jax import Array
 
 from rotorjax.effects import CATALOG
 from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap, pull_objection
-from rotorjax.model import (
+from rotorjax.model.contract import (
     AbstractRotor,
     Effect,
     Excitation,

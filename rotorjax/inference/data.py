@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import numpy_pair
+from rotorjax.arrays import numpy_pair
+from rotorjax.data.measurement import Measurement, is_half_order
 from rotorjax.inference.faults import fault_sensitivity
 from rotorjax.inference.noise import Noise, scatter_factor
-from rotorjax.measurement import Measurement, is_half_order
-from rotorjax.model import Model
-from rotorjax.space import Space
+from rotorjax.inference.space import Space
+from rotorjax.model.model import Model
 
 MOST_STARTS = 8
 """Of one fit."""

@@ -13,42 +13,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from rotorjax._core import COARSE, CONVERGED, CUT_OFF, FINE, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Tolerance
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
+from rotorjax.inference.manner import CONVERGED, CUT_OFF, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, THOROUGH, Manner
 from rotorjax.inference.motions import BALANCED, balanced, first_motions
 from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
 from rotorjax.inference.scan import scan
-from rotorjax.space import Space
+from rotorjax.inference.space import Space
 
 HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
-
-
-class Manner(NamedTuple):
-    """How exactly a descent ends, and how it goes there."""
-
-    tolerance: Tolerance
-    most_steps: int = 60
-    most_stalled: int = 12
-    """Steps in a row that gain nothing."""
-    first_freedom: float = 0.1
-    """Of motions in the beginning, in the largest displacement measured."""
-    firmer: float = 0.5
-    """What is left of that freedom after every step that lowers the cost."""
-    lenient: float = 0.02
-    """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
-    largest_step: float = 1.0
-    """Of the motion of a case, in its size."""
-    patience: int = 3
-    """Steps of motions without freedom after which a start may be given up for what is better."""
-
-
-THOROUGH, QUICK = Manner(FINE), Manner(COARSE)
-"""For estimates; and for ranking many hypotheses."""
 
 
 class Local(NamedTuple):

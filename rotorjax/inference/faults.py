@@ -5,13 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float
 
-from rotorjax._core import as_array
+from rotorjax.arrays import as_array
+from rotorjax.data.measurement import Measurement
 from rotorjax.effects import PlaneParticipation
 from rotorjax.inference.linear_rotor import LinearRotor
-from rotorjax.measurement import Measurement
-from rotorjax.model import Conditions, Model
-from rotorjax.response import response
-from rotorjax.steady import is_timed
+from rotorjax.model.conditions import Conditions
+from rotorjax.model.model import Model
+from rotorjax.physics.response import response
+from rotorjax.physics.steady_state import is_timed
 
 
 def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:

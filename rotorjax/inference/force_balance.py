@@ -14,16 +14,18 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float, Int
 
-from rotorjax._planar import Matrix, Vector
-from rotorjax.assembly import true_speed
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
-from rotorjax.harmonic import Grid, make_grid
 from rotorjax.inference.kernels import add_dynamic, as_coefficients, compiled, nameless
-from rotorjax.model import Conditions, Model, Probes, ReadingEffect, WaveformEffect
-from rotorjax.restoring_forces import Inputs, force_slopes, parameters_of
-from rotorjax.space import labels_of, values_of, with_company
-from rotorjax.steady import Ready, by_order
+from rotorjax.inference.space import labels_of, values_of, with_company
+from rotorjax.model.conditions import Conditions, Probes
+from rotorjax.model.contract import ReadingEffect, WaveformEffect
+from rotorjax.model.model import Model
+from rotorjax.physics.assembly import true_speed
+from rotorjax.physics.harmonic_balance import Grid, make_grid
+from rotorjax.physics.planar import Matrix, Vector
+from rotorjax.physics.restoring_forces import Inputs, force_slopes, parameters_of
+from rotorjax.physics.steady_state import Ready, by_order
 
 CHUNK = 16
 """Rows evaluated together: a force that is at its null in all of them is passed over."""

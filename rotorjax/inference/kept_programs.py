@@ -16,8 +16,8 @@ from typing import Any
 import jax
 from jax import export
 
+from rotorjax.data.files import write_whole
 from rotorjax.errors import InputError
-from rotorjax.io.files import write_whole
 
 FOLDER = "traced"
 """Within JAX's compilation cache."""

@@ -19,16 +19,18 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float, Int
 
-from rotorjax._core import numpy_pair, release_freed_memory
-from rotorjax._planar import Matrix, Vector
-from rotorjax.harmonic import Grid, make_grid
+from rotorjax.arrays import numpy_pair
+from rotorjax.compilation import release_freed_memory
 from rotorjax.inference.kept_programs import kept_program
-from rotorjax.model import Conditions, Layout, Model
-from rotorjax.probe_reading import Sensed, bends_of, read_rows
-from rotorjax.response import linear_vectors
-from rotorjax.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
-from rotorjax.space import Space
-from rotorjax.steady import Ready, answer, positions, without_timed
+from rotorjax.inference.space import Space
+from rotorjax.model.conditions import Conditions, Layout
+from rotorjax.model.model import Model
+from rotorjax.physics.harmonic_balance import Grid, make_grid
+from rotorjax.physics.planar import Matrix, Vector
+from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
+from rotorjax.physics.response import linear_vectors
+from rotorjax.physics.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
+from rotorjax.physics.steady_state import Ready, answer, positions, without_timed
 
 LINEAR_CHUNK, BALANCED_CHUNK = 64, 16
 """Rows evaluated together: few of the costly ones, as the last chunk is filled up."""
@@ -176,7 +178,7 @@ def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> F
 
 
 def as_coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
-    """`rotorjax.harmonic.to_real` in NumPy."""
+    """`rotorjax.physics.harmonic_balance.to_real` in NumPy."""
     return np.concatenate([np.real(amplitudes[..., :1]), numpy_pair(amplitudes[..., 1:]).reshape(*amplitudes.shape[:-1], -1)], axis=-1)
 
 

@@ -12,16 +12,18 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float
 
-from rotorjax._core import numpy_pair
-from rotorjax._planar import Vector
-from rotorjax.assembly import true_speed
+from rotorjax.arrays import numpy_pair
 from rotorjax.effects import CATALOG
-from rotorjax.harmonic import make_grid, to_real
 from rotorjax.inference.kernels import LINEAR_CHUNK, compiled, nameless
-from rotorjax.model import Conditions, Model, RestoringEffect, WaveformEffect
-from rotorjax.response import linear_vectors
-from rotorjax.space import with_company
-from rotorjax.steady import by_order, in_space, positions, without_timed
+from rotorjax.inference.space import with_company
+from rotorjax.model.conditions import Conditions
+from rotorjax.model.contract import RestoringEffect, WaveformEffect
+from rotorjax.model.model import Model
+from rotorjax.physics.assembly import true_speed
+from rotorjax.physics.harmonic_balance import make_grid, to_real
+from rotorjax.physics.planar import Vector
+from rotorjax.physics.response import linear_vectors
+from rotorjax.physics.steady_state import by_order, in_space, positions, without_timed
 
 
 class Sight(NamedTuple):
@@ -50,7 +52,7 @@ class LinearRotor:
         return Sight(*self._at(conditions)[2:])
 
     def vectors(self, conditions: Conditions) -> Complex[np.ndarray, "case probe order"]:
-        """`rotorjax.response` [m]."""
+        """`rotorjax.physics.response` [m]."""
         return self._above_slow_roll(conditions, 0)
 
     def sensitivity(self, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:

@@ -24,8 +24,8 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of, side_by_side
-from rotorjax.model import Conditions
-from rotorjax.space import Space
+from rotorjax.inference.space import Space
+from rotorjax.model.conditions import Conditions
 
 
 class Point(NamedTuple):

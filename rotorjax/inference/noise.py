@@ -10,10 +10,11 @@ from jaxtyping import Complex, Float
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from rotorjax._core import GRAM_MILLIMETRE, MICROMETRE, numpy_pair
+from rotorjax.arrays import numpy_pair
+from rotorjax.data.measurement import Measurement, cluster_speeds, is_half_order
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance
-from rotorjax.measurement import Measurement, cluster_speeds, is_half_order
-from rotorjax.model import Model
+from rotorjax.model.model import Model
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 FEW_RUNS = 4
 """Fewer runs say nothing useful about the scatter between runs."""
@@ -25,7 +26,7 @@ LEAST_NOISE = 1e-12
 """Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
 SAME_SPEED = 0.005
 """Relative difference up to which readings of different runs are at one speed for influence coefficients."""
-SAME_MISFIT, MOST_ROUNDS = 0.05, 12
+SAME_MISFIT, MOST_ROUNDS = 0.02, 12
 """Relative change of a misfit below which it stands, and most alternations between a fit and the misfit that it leaves."""
 LEAST_GAIN = 2.0
 """Log likelihood that scatter between runs must gain to be believed."""

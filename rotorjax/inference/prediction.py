@@ -9,8 +9,8 @@ from jaxtyping import Complex, Float, Int
 from rotorjax.inference.data import Data
 from rotorjax.inference.linearised import Budget, Linearisation, Point, States
 from rotorjax.inference.motions import balanced
-from rotorjax.model import Conditions
-from rotorjax.space import Space
+from rotorjax.inference.space import Space
+from rotorjax.model.conditions import Conditions
 
 MET = 1e-4
 """Change of the vectors, in their largest size, that counts as none."""

@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax._core import MICROMETRE, RPM
-from rotorjax.compensation import ifbc, ifc
-from rotorjax.features import FaultValues, components, feature_covariance, feature_map, inverse_map, vectors_of
+from rotorjax.diagnosis.compensation import ifbc, ifc
+from rotorjax.diagnosis.features import FaultValues, components, feature_covariance, feature_map, inverse_map, vectors_of
+from rotorjax.diagnosis.training import rms_errors
+from rotorjax.model.rotor import effective_mass
 from rotorjax.paper.printed import CASES, COMPENSATED, DIAGNOSED, INHERENT, SPEEDS, printed, rotor
 from rotorjax.paper.study import FRACTION, Study
 from rotorjax.paper.tables import DISK_MASS, READINGS, SHAFT_MASS, mean_errors_printed
-from rotorjax.rotor import effective_mass
-from rotorjax.training import rms_errors
+from rotorjax.units import MICROMETRE, RPM
 
 STEEL_DENSITY, STEEL_MODULUS = 7850.0, 207e9
 """Of carbon steel [kg/m³, Pa]."""

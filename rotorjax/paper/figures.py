@@ -3,13 +3,14 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorjax import plots, signals
-from rotorjax._core import RPM
-from rotorjax.compensation import value_errors
-from rotorjax.features import vectors_of
+from rotorjax.data import signals
+from rotorjax.diagnosis.compensation import value_errors
+from rotorjax.diagnosis.features import vectors_of
 from rotorjax.paper.printed import SPEEDS
 from rotorjax.paper.study import FRACTION, Study
 from rotorjax.paper.tables import mean_errors_printed, schemes
+from rotorjax.reporting import plots
+from rotorjax.units import RPM
 
 RATE, SECONDS = 2000.0, 2.0
 """Sampling rate of the paper's sensors [1/s], and length of the simulated record [s]."""

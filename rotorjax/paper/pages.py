@@ -3,15 +3,15 @@
 import tempfile
 from pathlib import Path
 
-from rotorjax import plots
+from rotorjax.data.files import write_whole
 from rotorjax.errors import InputError
-from rotorjax.io.files import write_whole
 from rotorjax.paper.errata import Erratum, errata
 from rotorjax.paper.figures import figures
 from rotorjax.paper.real import real_data
 from rotorjax.paper.sheet import Sheet
 from rotorjax.paper.study import Study
 from rotorjax.paper.tables import every
+from rotorjax.reporting import plots
 
 SOURCE = (
     "Huang, Pham, Nguyen, Chiu: *A Hybrid Diagnostic Framework with Compensation Algorithms for Inherent Rotor Faults Using Rotor Experiments*, "

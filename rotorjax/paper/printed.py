@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.features import FaultValues, components
-from rotorjax.rotor import Jeffcott
+from rotorjax.diagnosis.features import FaultValues, components
+from rotorjax.model.rotor import Jeffcott
 
 SPEEDS = (1500.0, 2500.0)
 """Speeds of the experiments [rpm]."""

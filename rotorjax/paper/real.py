@@ -13,13 +13,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rotorjax import effects
-from rotorjax._core import GRAM_MILLIMETRE, numpy_pair
+from rotorjax.arrays import numpy_pair
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.rig import read_measurement, read_rig
 from rotorjax.discovery.fit import fit
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, response_to
-from rotorjax.io.rig import read_measurement, read_rig
-from rotorjax.measurement import Measurement
-from rotorjax.model import Model
+from rotorjax.model.model import Model
 from rotorjax.paper.sheet import Row, Sheet
+from rotorjax.units import GRAM_MILLIMETRE
 
 REFERENCE = "A"
 """First letter of the runs, besides the baseline, that serve as reference; all others are tested."""

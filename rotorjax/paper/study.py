@@ -9,12 +9,12 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.compensation import Compensation, Inherent, LinearInverse, incremental, inherent_fault
-from rotorjax.dataset import Dataset, Split, make_dataset, split
-from rotorjax.features import feature_map
-from rotorjax.network import FaultNetwork
+from rotorjax.diagnosis.compensation import Compensation, Inherent, LinearInverse, incremental, inherent_fault
+from rotorjax.diagnosis.dataset import Dataset, Split, make_dataset, split
+from rotorjax.diagnosis.features import feature_map
+from rotorjax.diagnosis.network import FaultNetwork
+from rotorjax.diagnosis.training import BayesianRegularisation, Method, Training, Whitened, train
 from rotorjax.paper.printed import CASES, SPEEDS, Printed, diagnosed, rotor
-from rotorjax.training import BayesianRegularisation, Method, Training, Whitened, train
 
 CASE_COUNT = 10_000
 """Cases of the paper's dataset."""

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from rotorjax._core import GRAM_MILLIMETRE
-from rotorjax.compensation import (
+from rotorjax.diagnosis.compensation import (
     Average,
     average_fault,
     complex_gain,
@@ -14,13 +13,14 @@ from rotorjax.compensation import (
     ifc,
     value_errors,
 )
-from rotorjax.features import fault_table, feature_covariance, feature_map, inverse_map
-from rotorjax.inverse import Fault
+from rotorjax.diagnosis.features import fault_table, feature_covariance, feature_map, inverse_map
+from rotorjax.diagnosis.inverse import Fault
+from rotorjax.diagnosis.training import rms_errors
+from rotorjax.model.rotor import Jeffcott, bearing_stiffness, effective_mass, in_series
 from rotorjax.paper.printed import CASES, COMPENSATED, DIAGNOSED, INHERENT, PARAMETERS, SPEEDS, UNITS, printed, rotor
 from rotorjax.paper.sheet import Row, Sheet, Verdict
 from rotorjax.paper.study import FRACTION, Study
-from rotorjax.rotor import Jeffcott, bearing_stiffness, effective_mass, in_series
-from rotorjax.training import rms_errors
+from rotorjax.units import GRAM_MILLIMETRE
 
 REBUILT: Verdict = "reproduced from rebuilt features"
 NOT: Verdict = "not reproducible"

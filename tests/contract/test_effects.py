@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Effect, Jeffcott, Layout, Model, effects, response
-from rotorjax.catalogue import snapshot
+from rotorjax.data.rig import effect_from_labels, read_rig
 from rotorjax.effects.terms import TERMS
-from rotorjax.io.rig import effect_from_labels, read_rig
-from rotorjax.model import RestoringEffect, WaveformEffect
+from rotorjax.model.contract import RestoringEffect, WaveformEffect
+from rotorjax.reporting.catalogue import snapshot
 
 CATALOG = effects.CATALOG
 LAYOUT = Layout(planes=("disk1", "disk2"), orders=(1.0, 2.0))
@@ -97,7 +97,7 @@ def test_saved_and_loaded_by_a_rig_file(name, tmp_path):
 
 
 def test_catalogue_file_is_due():
-    """`python -m rotorjax.catalogue` writes it anew."""
+    """`python -m rotorjax.reporting.catalogue` writes it anew."""
     stored = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
     assert stored == snapshot()
 

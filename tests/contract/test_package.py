@@ -8,31 +8,8 @@ from pathlib import Path
 import rotorjax
 
 ROOT = Path(rotorjax.__file__).parent
-LAYERS = [
-    {"errors", "_core", "_planar", "tables"},
-    {"model"},
-    {"effects"},
-    {"rotor"},
-    {"assembly", "harmonic"},
-    {"restoring_forces"},
-    {"probe_reading"},
-    {"continuation"},
-    {"steady"},
-    {"response", "in_time"},
-    {"steady_states"},
-    {"measurement", "io", "simulate", "features"},
-    {"signals", "dataset", "network"},
-    {"training", "compensation"},
-    {"conditioned"},
-    {"space"},
-    {"inference"},
-    {"inverse"},
-    {"discovery"},
-    {"plots", "report", "answer", "pictures", "catalogue", "data"},
-    {"paper"},
-    {"cli"},
-]
-LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+LAYERS = ["errors", "units", "arrays", "compilation", "model", "effects", "physics", "data", "inference", "diagnosis", "discovery", "reporting", "paper", "cli"]
+LEVEL = {name: level for level, name in enumerate(LAYERS)}
 PUBLIC = {
     "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation", "ExcitationEffect", "Explanation", "Fault", "Fit",
     "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Layout, Model, effects, response
-from rotorjax.model import Effect, RestoringEffect, WaveformEffect
-from rotorjax.space import with_company
+from rotorjax.inference.space import with_company
+from rotorjax.model.contract import Effect, RestoringEffect, WaveformEffect
 
 import nonlinear_oracle as in_time
 from hidden import Machine, Plan

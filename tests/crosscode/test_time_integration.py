@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Layout, Model, Probes, effects, response
-from rotorjax.model import RestoringEffect, WaveformEffect
+from rotorjax.model.contract import RestoringEffect, WaveformEffect
 
 from oracle import TimeRotor
 

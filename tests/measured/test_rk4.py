@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import diagnose, effects, read_measurement, read_rig, tell
-from rotorjax.report import findings, verdict
+from rotorjax.reporting.comparison import findings, verdict
 
 ADDED = ("residual_unbalance", "phase_reference_offset", "probe_angle", "plane_participation")
 

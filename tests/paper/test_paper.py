@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax.compensation import Inherent, LinearInverse, average_fault, complex_gain, ifbc, ifc, incremental, inherent_fault, value_errors
+from rotorjax.diagnosis.compensation import Inherent, LinearInverse, average_fault, complex_gain, ifbc, ifc, incremental, inherent_fault, value_errors
+from rotorjax.diagnosis.features import FaultValues, components
 from rotorjax.errors import InputError
-from rotorjax.features import FaultValues, components
 from rotorjax.paper.errata import errata
 from rotorjax.paper.pages import prepare, reproduce
 from rotorjax.paper.printed import CASES, SPEEDS, printed

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Explanation, Knowledge, effects, explain
-from rotorjax.answer import explanation_json, explanation_text, notes, sentence
+from rotorjax.data.measurement import Uncertain
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.discovery.race import contender_of
 from rotorjax.effects import CATALOG
 from rotorjax.inference import kernels
-from rotorjax.measurement import Uncertain
-from rotorjax.model import RestoringEffect, WaveformEffect
+from rotorjax.model.contract import RestoringEffect, WaveformEffect
+from rotorjax.reporting.explanation import explanation_json, explanation_text, notes, sentence
 
 import drawn_effects
 import hidden

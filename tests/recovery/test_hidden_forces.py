@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rotorjax import Jeffcott, Knowledge, Layout, Measurement, Model, effects, explain
-from rotorjax.answer import notes, sentence
-from rotorjax.measurement import Uncertain
+from rotorjax.data.measurement import Uncertain
+from rotorjax.reporting.explanation import notes, sentence
 
 import drawn_effects
 import hidden_forces

@@ -13,8 +13,9 @@ from rotorjax.discovery.search import retold, select
 from rotorjax.discovery.ties import find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import make_folds
-from rotorjax.inference.descent import THOROUGH, Start, descend
+from rotorjax.inference.descent import Start, descend
 from rotorjax.inference.influence import influenced
+from rotorjax.inference.manner import THOROUGH
 from rotorjax.inference.noise import Noise
 
 import hidden

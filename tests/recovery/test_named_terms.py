@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit
-from rotorjax.answer import explanation_json, explanation_text, sentence
 from rotorjax.discovery.force_terms import regress
 from rotorjax.discovery.missing_force import missing_force
 from rotorjax.discovery.named_force import name_force
+from rotorjax.reporting.explanation import explanation_json, explanation_text, sentence
 
 import nonlinear_oracle as in_time
 from drawn_forces import draw, measured

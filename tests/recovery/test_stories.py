@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rotorjax import explain, read_measurement, read_rig
-from rotorjax.answer import explanation_json, explanation_page, explanation_text, notes, sentence, ties_table
-from rotorjax.io.rig import Rig
+from rotorjax.data.rig import Rig
+from rotorjax.reporting.explanation import explanation_json, explanation_page, explanation_text, notes, sentence, ties_table
 
 import make_hidden
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Knowledge, Measurement, Model, Probes, compare, effects, fit, response
+from rotorjax.data.measurement import cluster_speeds
 from rotorjax.discovery.compare import compare_vectors
 from rotorjax.inference.data import make_folds
 from rotorjax.inference.noise import NO_NOISE, run_floor, scatter_share
-from rotorjax.measurement import cluster_speeds
 
 
 def measurement_of(z, *, sigma=1e-6, orders=(1.0,), runs=None, speeds=None, **changes) -> Measurement:
@@ -209,7 +209,7 @@ def test_declared_scatter_of_the_weights_is_no_misfit(rng):
 
 def test_sweeps_are_no_repeats():
     """Two sweeps through a resonance at 10 rpm spacing: neighbours in speed are not repeated readings of one."""
-    from rotorjax.measurement import Installed, Row, arrange
+    from rotorjax.data.measurement import Installed, Row, arrange
 
     speeds = np.arange(2000.0, 2500.0, 10.0)
     z = np.asarray(response(ROTOR, Conditions.at_rpm(speeds, unbalance=[30e-6, 0.0])))[:, :, 0] * 1e6
@@ -238,7 +238,7 @@ def test_nothing_to_fit_and_no_damping():
 def test_orders_that_nothing_drives_are_named():
     from rotorjax import tell
     from rotorjax.discovery.story import undriven_orders
-    from rotorjax.report import findings, verdict
+    from rotorjax.reporting.comparison import findings, verdict
 
     once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0, 2600.0], runs=2)
     both = np.concatenate([once.vectors, np.full_like(once.vectors, 100e-6)], axis=2)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from rotorjax import Jeffcott
-from rotorjax._core import RPM
-from rotorjax.compensation import inherent_fault
-from rotorjax.conditioned import ConditionedNetwork, Ratios, train_conditioned
-from rotorjax.features import FaultValues, components, feature_map, inverse_map
-from rotorjax.network import SLACK
+from rotorjax.diagnosis.compensation import inherent_fault
+from rotorjax.diagnosis.conditioned import ConditionedNetwork, Ratios, train_conditioned
+from rotorjax.diagnosis.features import FaultValues, components, feature_map, inverse_map
+from rotorjax.diagnosis.network import SLACK
+from rotorjax.units import RPM
 
 COMMITTED = Path(__file__).parents[2] / "benchmarks" / "results" / "conditioned.json"
 NOISE = 1e-7

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rotorjax import Jeffcott, dataset
-from rotorjax._core import RPM
-from rotorjax.dataset import Dataset, FaultPrior, Recipe, make_dataset, read_dataset, sample_faults, split, stream, with_noise
+from rotorjax import Jeffcott
+from rotorjax.diagnosis import dataset
+from rotorjax.diagnosis.dataset import Dataset, FaultPrior, Recipe, make_dataset, read_dataset, sample_faults, split, stream, with_noise
+from rotorjax.diagnosis.features import fault_features, fault_values
 from rotorjax.errors import InputError
-from rotorjax.features import fault_features, fault_values
+from rotorjax.units import RPM
 
 MASS, STIFFNESS, RATIO = 0.9686, (56538.0, 51282.0), (0.0050, 0.0047)
 COUNT, CHUNK = 23, 5
@@ -276,8 +277,9 @@ import os, signal, sys
 from pathlib import Path
 import jax
 jax.config.update("jax_enable_x64", True)
-from rotorjax import Jeffcott, dataset
-from rotorjax._core import RPM
+from rotorjax import Jeffcott
+from rotorjax.diagnosis import dataset
+from rotorjax.units import RPM
 call, number, folder = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
 plain = getattr(os, call)
 left = [number]

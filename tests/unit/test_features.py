@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Jeffcott
-from rotorjax.features import (
+from rotorjax.diagnosis.features import (
     FaultValues,
     checked_features,
     components,
@@ -17,7 +17,7 @@ from rotorjax.features import (
     inverse_map,
     vectors_of,
 )
-from rotorjax.rotor import bearing_stiffness, effective_mass, in_series
+from rotorjax.model.rotor import bearing_stiffness, effective_mass, in_series
 
 UNITS = np.array([1e-6, 1e-6, 1e-3, 1e-3])
 

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Effect, Jeffcott, Layout, Measurement, Model, effects, plots, response
+from rotorjax import Conditions, Effect, Jeffcott, Layout, Measurement, Model, effects, response
 from rotorjax.discovery.force_terms import regress
 from rotorjax.discovery.missing_force import missing_force
 from rotorjax.effects.terms import TERMS, Reach, shapes
+from rotorjax.reporting import plots
 
 ORDERS = (0.0, 1.0, 2.0, 3.0)
 SPEEDS = (120.0, 200.0, 235.0, 260.0, 320.0)

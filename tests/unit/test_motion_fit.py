@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Model, effects, response
-from rotorjax._core import CUT_OFF, NOT_FINITE, real_pair
+from rotorjax.arrays import real_pair
+from rotorjax.data.measurement import Knowledge
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.race import _starts, make_contest, race, settle
 from rotorjax.effects import CATALOG
 from rotorjax.inference import descent, linearised
 from rotorjax.inference.data import declared_starts, make_data
-from rotorjax.inference.descent import HOPELESS, QUICK, THOROUGH, Start, best_of, descend, starts_at
+from rotorjax.inference.descent import HOPELESS, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Budget, Linearisation, Point
+from rotorjax.inference.manner import CUT_OFF, NOT_FINITE, QUICK, THOROUGH
 from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.scan import scan
-from rotorjax.measurement import Knowledge
-from rotorjax.space import Space, make_space, with_company
-from rotorjax.steady import Ready
+from rotorjax.inference.space import Space, make_space, with_company
+from rotorjax.physics.steady_state import Ready
 
 import hidden
 import hidden_forces

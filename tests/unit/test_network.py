@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from rotorjax.diagnosis.network import FORMAT, SLACK, FaultNetwork, Format, Parts, Perceptron, Range, read_parts, write_parts
 from rotorjax.errors import InputError
-from rotorjax.network import FORMAT, SLACK, FaultNetwork, Format, Parts, Perceptron, Range, read_parts, write_parts
 
 FEATURES, HIDDEN, TARGETS = 4, 5, 4
 WEIGHTS = HIDDEN * (FEATURES + 1) + TARGETS * (HIDDEN + 1)

@@ -9,10 +9,10 @@ from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal
 
 from rotorjax import Jeffcott, Model, effects
+from rotorjax.data.measurement import Knowledge
 from rotorjax.inference.prior import prior_at
-from rotorjax.measurement import Knowledge
-from rotorjax.model import parameter
-from rotorjax.space import make_space
+from rotorjax.inference.space import make_space
+from rotorjax.model.contract import parameter
 
 NORMAL_PEAK = 0.3989422804014327
 

@@ -10,7 +10,7 @@ from rotorjax import Instant, RestoringEffect, effects, parameter
 from rotorjax.discovery.held_out import _pruned
 from rotorjax.discovery.race import check_catalog
 from rotorjax.discovery.search import PRICE, neighbours
-from rotorjax.model import Parameter
+from rotorjax.model.contract import Parameter
 
 CANDIDATES = ("a", "b", "c", "d")
 

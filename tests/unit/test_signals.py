@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from rotorjax.signals import features_from_waveform, fold, pulse_times, shaft_angle, vectors_from_waveform
+from rotorjax.data.signals import fold, pulse_times, shaft_angle, vectors_from_waveform
+from rotorjax.diagnosis.features import features_from_waveform
 
 RATE = 2000.0
 """Sampling rate of the paper's recorder [Hz]."""

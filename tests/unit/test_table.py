@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rotorjax import InputError, read_measurement, read_rig
-from rotorjax.io.table import read_table
+from rotorjax.data.table import read_table
 
 from helpers import HEADER, ROWS, write
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from rotorjax.compensation import LinearInverse
-from rotorjax.dataset import Dataset, make_dataset, split, with_noise
-from rotorjax.network import Perceptron
+from rotorjax.diagnosis.compensation import LinearInverse
+from rotorjax.diagnosis.dataset import Dataset, make_dataset, split, with_noise
+from rotorjax.diagnosis.network import Perceptron
+from rotorjax.diagnosis.training import BayesianRegularisation, Epoch, OptaxL2, Scaled, Whitened, nguyen_widrow, normal_equations, rms_errors, train
 from rotorjax.paper.printed import printed
-from rotorjax.training import BayesianRegularisation, Epoch, OptaxL2, Scaled, Whitened, nguyen_widrow, normal_equations, rms_errors, train
 
 SPEED_RPM, COUNT = 1500.0, 10_000
 SIGMA, POINTS = 0.05, 200

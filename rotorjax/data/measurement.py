@@ -1,0 +1,255 @@
+"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are held against."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from rotorjax.errors import InputError
+from rotorjax.model.conditions import Conditions
+from rotorjax.units import DEGREE, MICROMETRE, RPM
+
+MOST_NAMED = 5
+"""Conditions named in one message."""
+CLUSTER_WIDTH = 0.02
+"""Dwells within 2 % of one another count as one speed: real dwells never repeat to the digit."""
+
+
+REPEAT_WIDTH = 0.002
+"""Repeated readings count as of the same speed within 0.2 %: near a resonance more would pass for noise."""
+
+
+class Row(NamedTuple):
+    """One vibration vector: amplitude zero-to-peak [µm], phase leading [degrees], standard error of Re and Im [µm]."""
+
+    run: str
+    speed_rpm: float
+    probe: str
+    order: float
+    amplitude_um: float
+    phase_deg: float
+    sigma_um: float | None = None
+    repeat: str = ""
+
+
+class Uncertain(NamedTuple):
+    """A rig value that the user is unsure of, as a parameter of an effect.
+
+    ``deviation`` is the standard deviation of the parameter in SI, or of ln(1 + parameter) if ``logarithmic``.
+    Entries that share a ``group`` are one unknown.
+    """
+
+    effect: str
+    label: str
+    deviation: float
+    logarithmic: bool
+    group: str
+
+
+class Limits(NamedTuple):
+    """What a next measurement may be."""
+
+    speed_rpm: tuple[float, float] | None = None
+    amplitude_um: float | None = None
+    trial_weight_g_mm: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Knowledge:
+    """What the user has declared about the rig besides its numbers."""
+
+    uncertain: tuple[Uncertain, ...] = ()
+    installed_unbalance: float = 0.0
+    """Relative standard deviation of every installed unbalance; likewise `installed_bow`."""
+    installed_angle_rad: float = 0.0
+    installed_bow: float = 0.0
+    priors: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    """Effect -> parameter -> standard deviation in SI of a normal prior, instead of the declared one."""
+    tolerance: float = 0.0
+    run_scatter: Literal["auto", "none"] = "auto"
+    limits: Limits = dataclasses.field(default_factory=Limits)
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """Vibration vectors of a set of runs, dense over case x probe x order, with what was installed in each case."""
+
+    runs: tuple[str, ...]
+    probes: tuple[str, ...]
+    orders: tuple[float, ...]
+    run: Int[np.ndarray, "case"]
+    """Index into ``runs``."""
+    repeat: tuple[str, ...]
+    conditions: Conditions
+    vectors: Complex[np.ndarray, "case probe order"]
+    """Measured vectors [m]; zero where absent."""
+    present: Bool[np.ndarray, "case probe order"]
+    sigma: Float[np.ndarray, "case probe order"] | None
+    """Standard error of real and of imaginary part [m], where the noise is known."""
+    noise: Literal["given", "repeats", "unknown"] = "unknown"
+    knowledge: Knowledge = Knowledge()
+
+    @property
+    def probes_read(self) -> tuple[str, ...]:
+        """Probes with a reading, in the order of the rig file."""
+        return tuple(probe for k, probe in enumerate(self.probes) if self.present[:, k].any())
+
+    def __repr__(self) -> str:
+        orders = ", ".join(f"{order:g}X" for order in self.orders)
+        size = f"{int(self.present.sum())} vectors of {self.rms / MICROMETRE:.3g} µm rms"
+        return f"Measurement(runs {', '.join(self.runs)}; {len(self.run)} cases; probes {', '.join(self.probes)}; {orders}; {size}; noise {self.noise})"
+
+    @property
+    def speed_rpm(self) -> Float[np.ndarray, "case"]:
+        """Speed of every case."""
+        return np.asarray(self.conditions.speed) / RPM
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of |z| over the cells present [m]."""
+        return float(np.sqrt(np.mean(np.abs(self.vectors[self.present]) ** 2)))
+
+    def rms_of(self, predicted: Complex[np.ndarray, "case probe order"]) -> float:
+        """Root mean square of |measured - predicted| over the cells present, half orders at the sign nearer to the prediction [m]."""
+        left = self.vectors * self.half_order_sign(predicted) - predicted
+        return float(np.sqrt(np.mean(np.abs(left[self.present]) ** 2)))
+
+    def half_order_sign(self, predicted: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case 1 order"]:
+        """The sign, one per case for all probes, that brings a measured half order nearer to the prediction: a once-per-turn reference leaves it open."""
+        weight = self.present if self.sigma is None else self.weights(0.0)[..., 0] ** 2
+        along = np.sum(np.real(self.vectors * np.conj(predicted)) * weight, axis=1, keepdims=True)
+        half = np.array([is_half_order(order) for order in self.orders])
+        return np.where(half & (along < 0.0), -1.0, 1.0)
+
+    @property
+    def reach(self) -> float:
+        """Largest displacement that all orders and probes of a case add up to, at least 1e-9 [m]."""
+        return max(float(np.max(np.linalg.norm(np.sum(np.abs(self.vectors), axis=2), axis=1))), 1e-9)
+
+    def speed_cluster(self) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
+        """Cluster index of every case, and the mean speed of each cluster [rpm]."""
+        return cluster_speeds(self.speed_rpm)
+
+    def weights(self, allowance: float) -> Float[np.ndarray, "case probe order 2"]:
+        """One over the standard error of real and imaginary part [1/m], zero where nothing was measured.
+
+        The variance is sigma² of the table, (tolerance times the size of the measured vector, both probes)², and
+        ``allowance``² [m]. At order 0 there is no imaginary part.
+        """
+        size = np.sqrt(np.sum(np.abs(self.vectors) ** 2, axis=1, keepdims=True))
+        given = np.zeros(self.vectors.shape) if self.sigma is None else self.sigma
+        variance = given**2 + (self.knowledge.tolerance * size) ** 2 + allowance**2
+        weight = np.where(self.present, 1.0 / np.sqrt(np.where(variance > 0.0, variance, np.inf)), 0.0)
+        both = np.stack([weight, weight], axis=-1)
+        both[:, :, np.array(self.orders) == 0.0, 1] = 0.0
+        return both
+
+
+def cluster_speeds(speed_rpm: Float[np.ndarray, "case"], *, width: float = CLUSTER_WIDTH) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
+    """Group speeds within a relative ``width`` of the group's lowest.
+
+    **Returns** the index of each one's group, and the groups' mean speeds, rising.
+    """
+    index = np.zeros(len(speed_rpm), dtype=int)
+    groups: list[list[int]] = []
+    for case in np.argsort(speed_rpm):
+        if not groups or speed_rpm[case] > speed_rpm[groups[-1][0]] * (1.0 + width):
+            groups.append([])
+        groups[-1].append(int(case))
+        index[case] = len(groups) - 1
+    return index, np.array([np.mean(speed_rpm[group]) for group in groups])
+
+
+class Installed(NamedTuple):
+    """What was deliberately put on the rotor in one run: unbalance per plane [kg m] and bow [m], as (x, y) pairs."""
+
+    unbalance: Float[np.ndarray, "plane dof"]
+    bow: Float[np.ndarray, "dof"]
+
+
+def arrange(rows: list[Row], *, runs: Mapping[str, Installed], probes: tuple[str, ...], knowledge: Knowledge) -> Measurement:
+    """Dense arrays from the rows of a table.
+
+    **Arguments:** ``rows`` without duplicates, runs and probes all known; ``runs`` what is installed in each run;
+    ``probes`` in the order of the model. **Returns** the measurement; its cases stand in the order of the rows.
+    If no row has a sigma, repeated readings give the pure error; failing those, the noise is unknown.
+    """
+    used = tuple(dict.fromkeys(row.run for row in rows))
+    orders = tuple(sorted({row.order for row in rows}))
+    cases: dict[tuple[str, float, str], int] = {}
+    for row in rows:
+        cases.setdefault((row.run, row.speed_rpm, row.repeat), len(cases))
+    shape = (len(cases), len(probes), len(orders))
+    vectors, present, sigma = np.zeros(shape, complex), np.zeros(shape, bool), np.full(shape, np.nan)
+    for row in rows:
+        cell = cases[row.run, row.speed_rpm, row.repeat], probes.index(row.probe), orders.index(row.order)
+        vectors[cell] = MICROMETRE * row.amplitude_um * np.exp(1j * DEGREE * row.phase_deg)
+        present[cell] = True
+        sigma[cell] = np.nan if row.sigma_um is None else MICROMETRE * row.sigma_um
+    conditions = Conditions.at_rpm(
+        [speed for _, speed, _ in cases],
+        unbalance=np.stack([runs[run].unbalance for run, _, _ in cases]),
+        bow=np.stack([runs[run].bow for run, _, _ in cases]),
+    )
+    given = not np.isnan(sigma[present]).any()
+    index = np.array([used.index(run) for run, _, _ in cases])
+    measurement = Measurement(
+        used, probes, orders, index, tuple(repeat for _, _, repeat in cases), conditions, vectors, present,
+        np.where(present, sigma, 1.0) if given else None, "given" if given else "unknown", knowledge,
+    )  # fmt: skip
+    return measurement if given else _with_pure_error(measurement)
+
+
+def _with_pure_error(measurement: Measurement) -> Measurement:
+    """The standard error from repeated readings of the same run, speed, probe and order, pooled over all cells."""
+    squares, freedoms = 0.0, 0
+    for run in range(len(measurement.runs)):
+        cases = np.flatnonzero(measurement.run == run)
+        same, _ = cluster_speeds(measurement.speed_rpm[cases], width=REPEAT_WIDTH)
+        for group in (cases[same == k] for k in range(same.max() + 1)):
+            labels = [measurement.repeat[i] for i in group]
+            if len(set(labels)) < len(labels):
+                continue
+            for cell in np.ndindex(measurement.vectors.shape[1:]):
+                values = measurement.vectors[(group, *cell)][measurement.present[(group, *cell)]]
+                if len(values) > 1:
+                    order = measurement.orders[cell[1]]
+                    aligned = values * np.where(is_half_order(order) & (np.real(values * np.conj(values[0])) < 0.0), -1.0, 1.0)
+                    squares += float(np.sum(np.abs(aligned - aligned.mean()) ** 2))
+                    freedoms += (1 if order == 0.0 else 2) * (len(values) - 1)
+    if freedoms == 0 or squares == 0.0:
+        return measurement
+    sigma = np.full(measurement.vectors.shape, np.sqrt(squares / freedoms))
+    return dataclasses.replace(measurement, sigma=sigma, noise="repeats")
+
+
+def aligned_half_orders(measurement: Measurement) -> Measurement:
+    """The same with the signs of half orders, which a once-per-turn reference leaves open, brought into line from case to case.
+
+    A fit compares up to that sign anyway; but where signs alternate, a start at zero sees no slope.
+    """
+    vectors = measurement.vectors.copy()
+    for order in (k for k, n in enumerate(measurement.orders) if is_half_order(n)):
+        pattern = vectors[:, :, order] @ np.linalg.svd(vectors[:, :, order])[2][0].conj()
+        turned = pattern * np.exp(-0.5j * np.angle(np.sum(pattern**2)))
+        vectors[:, :, order] *= np.where(turned.real < 0.0, -1.0, 1.0)[:, None]
+    return dataclasses.replace(measurement, vectors=vectors)
+
+
+def is_half_order(order: float) -> bool:
+    """Whether a once-per-turn reference leaves the sign of this order open."""
+    return abs(order % 1.0 - 0.5) < 1e-6
+
+
+def require_steady(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement) -> None:
+    """Refuse a prediction that has no steady state somewhere.
+
+    **Errors.** `InputError` with the conditions, where a vector that was measured is predicted as not a number.
+    """
+    lost = np.flatnonzero(~np.all(np.isfinite(predicted) | ~measurement.present, axis=(1, 2)))
+    if len(lost):
+        shown = ", ".join(f"{measurement.runs[measurement.run[k]]} at {measurement.speed_rpm[k]:.0f} rpm" for k in lost[:MOST_NAMED])
+        more = f" and {len(lost) - MOST_NAMED} more" if len(lost) > MOST_NAMED else ""
+        raise InputError(f"the model has no steady state that could be found for {shown}{more}: weaken its forces that depend on motion, or leave those out")

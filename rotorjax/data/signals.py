@@ -1,0 +1,397 @@
+"""Waveform to vectors: displacement records and phase-reference pulses in, vibration vectors out.
+
+The displacement of a probe is Re[Σ z_n e^{i n φ(t)}] + drift + noise, where the shaft angle φ is zero at a pulse and
+grows by 2π to the next. Least squares over whole revolutions in φ, not in t, keeps a slowly varying speed from
+smearing the orders. Every result carries its standard error.
+Source: Huang et al. 2026, Sensors 26:2565, section 2.3 and Figure 7 (two laser probes at 90 degrees, 2 kHz).
+"""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.ndimage import median_filter
+
+from rotorjax.arrays import Numbers, numpy_pair
+from rotorjax.units import RPM
+
+TURN = 2.0 * np.pi
+TAIL = 0.002
+"""Share of samples at either end that may be outliers of a reference channel: the shortest pulse, in revolutions."""
+HYSTERESIS = 0.4
+"""Share of the way from threshold to either level that a reference must go before it counts as low or high."""
+PLATEAU = 0.8
+"""Quantile of the samples above the middle that stands for the high level, and the mirror image for the low one.
+
+Past the median, because a band-limited pulse has much of its samples on its edges; the outward error by noise is
+alike on both sides and leaves the threshold in the middle.
+"""
+TWO_LEVELS = 4.5
+"""Distance of the levels over their scatter: 3.4 for Gaussian noise alone, 4 for uniform noise, 5 for a sine."""
+IRREGULAR = 1.5
+"""A revolution this much longer or shorter than those around it is a missing or a double pulse, not a speed."""
+FEWEST_REVOLUTIONS = 2
+"""One revolution cannot tell a drift from an order."""
+SAME_PLACE = 0.9
+"""Resultant length of the pulses' places between samples from which they count as the same place."""
+BAND = 0.4
+"""Sidebands reach this far from an order, relative to the order but at most 1: short of a whirl near half the speed."""
+FEWEST_SIDEBANDS, MOST_SIDEBANDS = 2, 16
+"""Pairs: with fewer their scatter says too little; more would only widen the band in which noise counts as flat."""
+
+
+class WaveformVectors(NamedTuple):
+    """Vibration vectors of one record, with their errors and what the fit left over."""
+
+    vectors: Complex[np.ndarray, "probe order"]
+    """z [m]: displacement Re[z e^{i n φ}], zero-to-peak, phase leading."""
+    covariance: Float[np.ndarray, "order 2*probe 2*probe"]
+    """Of (Re z, Im z of the first probe, Re z, Im z of the second, ...) at each order [m²]."""
+    sidebands: Int[np.ndarray, "order"]
+    """Pairs of sidebands that the covariance is from; zero where it is from the residual's variance."""
+    speed_rpm: float
+    """Mean speed."""
+    speed_change: float
+    """Change of a linear trend of the speed from first to last pulse, relative to the mean."""
+    revolutions: int
+    """Whole revolutions used."""
+    angle: Float[np.ndarray, "sample"]
+    """Shaft angle from the first pulse [rad]; NaN outside the revolutions used."""
+    residual: Float[np.ndarray, "sample probe"]
+    """Displacement less orders and drift [m]; NaN outside the revolutions used."""
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "probe order"]:
+        """Standard error of real and of imaginary part, their root mean square [m]: what a `Measurement` holds."""
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2).reshape(len(self.covariance), -1, 2)
+        return np.sqrt(variance.mean(axis=-1)).T
+
+    @property
+    def residual_rms(self) -> Float[np.ndarray, "probe"]:
+        """Root mean square of the residual [m]."""
+        return np.sqrt(np.nanmean(self.residual**2, axis=0))
+
+
+class Folded(NamedTuple):
+    """A waveform over one revolution of the shaft."""
+
+    angle_deg: Float[np.ndarray, "_"]
+    """Centres of the bins, from 0 to 360 degrees."""
+    mean: Float[np.ndarray, "_ probe"]
+    """Mean displacement in each bin [m]; NaN where a bin is empty."""
+    scatter: Float[np.ndarray, "_ probe"]
+    """Standard deviation in each bin [m]; NaN below two samples."""
+    samples: Int[np.ndarray, "_"]
+    """Number in each bin."""
+
+
+def pulse_times(time: Numbers, reference: Numbers, *, threshold: float | None = None, edge: Literal["rising", "falling"] = "rising") -> Float[np.ndarray, "_"]:
+    """Instants at which a phase-reference channel crosses its threshold, interpolated linearly between samples.
+
+    A crossing counts once the channel has gone from clearly low to clearly high (``HYSTERESIS``), so that noise on
+    an edge does not count twice. On an edge shorter than a sample the error is up to half a sample, and the same at
+    every pulse where a revolution is a whole number of samples (2 kHz: 1500 and 2500 rpm): no scatter shows it then.
+
+    **Arguments:** ``time`` (sample) [s], rising; ``reference`` (sample) in any unit; ``threshold`` in that unit, by
+    default midway between the levels, where a pulse lasts at least 0.2 % of a revolution; ``edge`` that marks the
+    angle zero. **Returns** the instants [s], at least two. **Errors.** ``ValueError`` for a channel without two
+    levels, a threshold that it never crosses, fewer than two pulses, and arrays that do not fit together.
+    """
+    instants, columns = _record(time, np.reshape(np.asarray(reference, dtype=float), (-1, 1)), "reference")
+    channel = columns[:, 0]
+    level, low, high = _levels(channel, threshold)
+    middle = level
+    if edge == "falling":  # a rising one of the channel upside down
+        channel, middle, low, high = -channel, -level, -high, -low
+    state = np.where(channel >= middle + HYSTERESIS * (high - middle), 1, 0) - np.where(channel <= middle - HYSTERESIS * (middle - low), 1, 0)
+    clear = np.flatnonzero(state)
+    fired = clear[1:][(state[clear][:-1] < 0) & (state[clear][1:] > 0)]
+    if len(fired) < 2:
+        raise ValueError(
+            f"the reference channel has {len(fired)} {edge} edge(s) through {level:g}; a shaft angle needs at least two pulses: "
+            "record more revolutions, or give a threshold within the pulses' height"
+        )
+    crossing = np.flatnonzero((channel[:-1] < middle) & (channel[1:] >= middle))
+    before = crossing[np.searchsorted(crossing, fired) - 1]
+    share = (middle - channel[before]) / (channel[before + 1] - channel[before])
+    return instants[before] + share * (instants[before + 1] - instants[before])
+
+
+def shaft_angle(time: Numbers, pulses: Numbers) -> Float[np.ndarray, "sample"]:
+    """Shaft angle at every sample: a cubic spline through (pulse k, 2π k), a straight line between only two.
+
+    Where the periods are so uneven that the spline turns back, a monotone cubic (Fritsch and Carlson 1980, SIAM J.
+    Numer. Anal. 17:238-246), less exact for a smoothly varying speed.
+
+    **Arguments:** ``time`` (sample) [s]; ``pulses`` instants of the phase reference [s], one per revolution.
+    **Returns** the angle [rad] from the first pulse, always rising; NaN before the first and after the last pulse.
+    **Errors.** ``ValueError`` for times that do not rise, and for missing or double pulses.
+    """
+    instants = _rising(time, "time")
+    marks = _regular(pulses)
+    turns = TURN * np.arange(len(marks))
+    spline = CubicSpline(marks, turns, extrapolate=False)
+    if len(spline.derivative().roots(extrapolate=False)):
+        spline = PchipInterpolator(marks, turns, extrapolate=False)
+    return spline(instants)
+
+
+def vectors_from_waveform(
+    time: Numbers, displacement: Numbers, pulses: Numbers, *, orders: Sequence[float] = (1.0,), drift: int = 1, pulse_error: float | None = None
+) -> WaveformVectors:
+    """Vibration vectors z_n by least squares over the whole revolutions of a record.
+
+    displacement = Σ_n (Re z_n cos nφ - Im z_n sin nφ) + polynomial in t, all orders and the drift jointly. The
+    vectors are those of the mean speed; where they change with the speed, that change is in their standard error.
+    From five revolutions on (ten for a half order) the error is that of coloured noise and uncertain pulses alike;
+    with fewer, it holds the residual's noise but not what the pulses got wrong. An error common to all pulses turns
+    all vectors alike and leaves no scatter: it is counted only as ``pulse_error``.
+
+    **Arguments:** ``time`` (sample) [s]; ``displacement`` (sample, probe) [m]; ``pulses`` of the phase reference [s],
+    those outside the record are left out; ``orders`` to fit: name 2.0 too where a 2X is large, because record ends
+    that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial. One
+    is good for a dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a
+    quadratic one only 1/(π n N)²; ``pulse_error`` standard error common to all pulses [s], for edges shorter
+    than a sample at most one sample / √12, and just that by default where the pulses fall at the same place between samples
+    in every revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and cure, for
+    samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer than
+    two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
+    """
+    instants, waves = _record(time, displacement, "displacement")
+    marks = _within(_regular(pulses), instants)
+    count = len(marks) - 1
+    used = (instants >= marks[0]) & (instants < marks[-1])
+    _check_orders(orders, drift, revolutions=count, samples=int(used.sum()))
+    angle = np.where(used, shaft_angle(instants, marks), np.nan)
+    design = _design(angle[used], instants[used], orders, drift)
+    solution = np.linalg.lstsq(design, waves[used])[0]
+    left = waves[used] - design @ solution
+    residual = np.full(waves.shape, np.nan)
+    residual[used] = left
+    turning = np.asarray(orders, dtype=float)
+    parts = solution[: 2 * len(turning)].reshape(len(turning), 2, -1)
+    covariance, pairs = [], []
+    for k, order in enumerate(turning):
+        near = _sidebands(order, turning, count)
+        pairs.append(len(near))
+        if len(near):
+            covariance.append(_scatter_of_sidebands(left, angle[used], order, near / count))
+        else:
+            step = order * TURN * count / len(left)
+            covariance.append(_variance_of_residual(left, design, slice(2 * k, 2 * k + 2), step))
+    vectors = (parts[:, 0] - 1j * parts[:, 1]).T
+    speed = TURN * count / (marks[-1] - marks[0])
+    # A pulse late by τ turns z by n Ω τ.
+    common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
+    turned = 1j * turning[:, None] * speed * common_error * vectors.T
+    common = numpy_pair(turned).reshape(len(turning), -1)
+    trend = np.polynomial.Polynomial.fit(marks, np.arange(count + 1.0), 2, domain=[marks[0], marks[-1]], window=[0.0, 1.0]).coef[2]
+    return WaveformVectors(
+        vectors, np.array(covariance) + common[:, :, None] * common[:, None, :], np.array(pairs),
+        float(speed / RPM), float(2.0 * trend / count), count, angle, residual,
+    )  # fmt: skip
+
+
+def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
+    """Displacement over the shaft angle, all revolutions laid over one: the picture in which Y lags X by 90 degrees.
+
+    **Arguments:** ``angle`` (sample) [rad], NaN where it is unknown; ``displacement`` (sample, probe) [m]; ``bins``
+    from 0 to 360 degrees. A bin's mean shows sin(x)/x of order n, x = π n / bins: 0.03 % less at 1X with 72 bins;
+    its scatter holds the waveform's slope across the bin besides the noise. **Returns** `Folded`.
+    **Errors.** ``ValueError`` for shapes that do not match, no known angle, or fewer than one bin.
+    **Source:** Huang et al. 2026, Figure 7b.
+    """
+    turned, waves = np.asarray(angle, dtype=float), np.asarray(displacement, dtype=float)
+    if turned.ndim != 1 or waves.ndim != 2 or len(turned) != len(waves):
+        raise ValueError(f"angle must have shape (sample,) and displacement (sample, probe); they have {turned.shape} and {waves.shape}")
+    known = np.isfinite(turned)
+    if bins < 1 or not known.any():
+        raise ValueError(f"folding needs at least one bin and one known angle; there are {bins} and {known.sum()}: take the angle from shaft_angle")
+    turned, waves = turned[known], waves[known]
+    index = np.floor(turned / TURN % 1.0 * bins).astype(int) % bins
+    count = np.bincount(index, minlength=bins)
+
+    def total(columns: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(index, column, minlength=bins) for column in columns.T], axis=1)
+
+    mean = total(waves) / np.where(count > 0, count, np.nan)[:, None]
+    scatter = np.sqrt(total((waves - mean[index]) ** 2) / np.where(count > 1, count - 1.0, np.nan)[:, None])
+    return Folded((np.arange(bins) + 0.5) * 360.0 / bins, mean, scatter, count)
+
+
+def _levels(channel: Float[np.ndarray, "sample"], threshold: float | None) -> tuple[float, float, float]:
+    """Threshold, low and high level, blind to single spikes."""
+    bottom, top = channel.min(), channel.max()
+    if bottom == top:
+        raise ValueError(f"the reference channel is constant at {top:g}: check that the phase reference is connected and that this is its channel")
+    if threshold is not None and not bottom < threshold < top:
+        raise ValueError(
+            f"the reference channel never crosses the threshold {threshold:g}, it stays from {bottom:g} to {top:g}: "
+            "give a threshold inside the pulses' height, or none"
+        )
+    middle = 0.5 * float(np.sum(np.quantile(channel, [TAIL, 1.0 - TAIL]))) if threshold is None else threshold
+    below, above = channel[channel <= middle], channel[channel > middle]
+    centres = np.median(below), np.median(above)
+    scatter = max(np.median(np.abs(below - centres[0])), np.median(np.abs(above - centres[1])))
+    if threshold is None and centres[1] - centres[0] < TWO_LEVELS * scatter:
+        raise ValueError(
+            "the reference channel shows noise and no two levels: check that the phase reference is connected; if its pulses are there, give a threshold"
+        )
+    low, high = float(np.quantile(below, 1.0 - PLATEAU)), float(np.quantile(above, PLATEAU))
+    return (0.5 * (low + high) if threshold is None else threshold), low, high
+
+
+def _rising(values: Numbers, name: str) -> Float[np.ndarray, "sample"]:
+    """One-dimensional, finite and rising, or a refusal that says where not."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim != 1 or len(array) < 2:
+        raise ValueError(f"{name} must be a list of at least two instants [s]; it has shape {array.shape}: give one column")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite; entry {np.flatnonzero(~np.isfinite(array))[0]} is not: leave the broken samples out")
+    fall = np.flatnonzero(np.diff(array) <= 0.0)
+    if len(fall):
+        raise ValueError(f"{name} must rise; entry {fall[0] + 1} = {array[fall[0] + 1]:.6g} s does not: sort the record, or join parts with their true times")
+    return array
+
+
+def _record(time: Numbers, columns: Numbers, name: str) -> tuple[Float[np.ndarray, "sample"], Float[np.ndarray, "sample probe"]]:
+    """Times and channels that belong together, or a refusal."""
+    instants, waves = _rising(time, "time"), np.asarray(columns, dtype=float)
+    if waves.ndim != 2 or waves.shape[0] != len(instants):
+        raise ValueError(
+            f"{name} must have one row per sample; it has shape {waves.shape} beside {len(instants)} times: "
+            "take both from one record, transpose it, or write displacement[:, None] for a single probe"
+        )
+    broken = np.argwhere(~np.isfinite(waves))
+    if len(broken):
+        row, column = broken[0]
+        raise ValueError(f"{name} must be finite; column {column} is not at t = {instants[row]:.6g} s: cut the record there or leave these samples out")
+    return instants, waves
+
+
+def _regular(pulses: Numbers) -> Float[np.ndarray, "_"]:
+    """Pulses one per revolution, or a refusal that says where one is missing or double."""
+    marks = _rising(pulses, "pulses")
+    period = np.diff(marks)
+    # Against the neighbours, so that a slow run-up passes; a mirror, because repeating the end would let a broken end judge itself.
+    usual = median_filter(period, size=5, mode="mirror") if len(period) > 2 else np.full(len(period), period.min())
+    ratio = period / usual
+    long, short = np.flatnonzero(ratio > IRREGULAR), np.flatnonzero(ratio < 1.0 / IRREGULAR)
+    if len(short) and (not len(long) or short[0] < long[0]):
+        k = short[0]
+        raise ValueError(
+            f"pulses must come once per revolution; a double pulse near t = {marks[k + 1]:.6g} s ends a revolution of {ratio[k]:.2g} times the usual "
+            f"{usual[k]:.4g} s: leave that pulse out, or raise the threshold"
+        )
+    if len(long):
+        k = long[0]
+        raise ValueError(
+            f"pulses must come once per revolution; missing pulse at t = {marks[k] + usual[k]:.6g} s, a revolution lasts {ratio[k]:.2g} times the usual "
+            f"{usual[k]:.4g} s: cut the record there, or lower the threshold; a mark that passes in less than a sample needs a faster sampling or a wider mark"
+        )
+    return marks
+
+
+def _common_pulse_error(marks: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> float:
+    """One sample / √12 where the pulses fall at the same place between samples every time [s], else nothing.
+
+    A hard edge is known to a sample; only where its place among the samples changes from turn to turn does that show as scatter.
+    """
+    step = float(np.median(np.diff(time)))
+    alike = abs(np.mean(np.exp(2j * np.pi * marks / step)))
+    return step / np.sqrt(12.0) if alike > SAME_PLACE else 0.0
+
+
+def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> Float[np.ndarray, "_"]:
+    """The pulses that the record spans, to within a sample, if they bound enough revolutions."""
+    step = float(np.median(np.diff(time)))
+    marks = pulses[(pulses >= time[0] - step) & (pulses <= time[-1] + step)]
+    if len(marks) <= FEWEST_REVOLUTIONS:
+        raise ValueError(
+            f"a record must hold at least {FEWEST_REVOLUTIONS} whole revolutions, {FEWEST_REVOLUTIONS + 1} pulses; this one holds {len(marks)} pulse(s) "
+            f"from t = {time[0]:.6g} to {time[-1]:.6g} s: record longer, or check that pulses and samples share one clock"
+        )
+    return marks
+
+
+def _check_orders(orders: Sequence[float], drift: int, *, revolutions: int, samples: int) -> None:
+    """Refuse what the record cannot resolve."""
+    known = np.sort(np.asarray(orders, dtype=float))
+    if known.ndim != 1 or not len(known) or not np.all(np.isfinite(known)) or known[0] <= 0.0:
+        raise ValueError(f"orders must be positive numbers, at least one; they are {list(orders)}: order 0 is the constant, which is always fitted")
+    if not 0 <= drift <= revolutions:
+        raise ValueError(f"drift must be a polynomial degree from 0 to the {revolutions} revolutions of the record; it is {drift}: 1 is good for a dwell")
+    apart = np.diff(known, prepend=0.0)
+    if np.any(apart * revolutions < 1.0 - 1e-9):
+        k = int(np.argmin(apart))
+        low = f"{known[k - 1]:g}" if k else "0"
+        raise ValueError(
+            f"orders {low} and {known[k]:g} must be one period apart over the record, 1/{revolutions} for {revolutions} revolutions: "
+            "leave one out, or record longer"
+        )
+    each = samples / revolutions
+    if known[-1] >= 0.5 * each:
+        raise ValueError(
+            f"order {known[-1]:g} needs more than {2.0 * known[-1]:g} samples per revolution; the record has {each:.4g}: sample faster, or leave it out"
+        )
+    unknowns = 2 * len(known) + drift + 1
+    if samples <= unknowns:
+        raise ValueError(f"{unknowns} unknowns need more than the {samples} samples of the whole revolutions: record longer, or fit fewer orders")
+
+
+def _design(angle: Float[np.ndarray, "sample"], time: Float[np.ndarray, "sample"], orders: Sequence[float], drift: int) -> Float[np.ndarray, "sample _"]:
+    """Columns cos and sin of each order, then Legendre polynomials of time over the record."""
+    phase = np.asarray(orders, dtype=float) * angle[:, None]
+    scaled = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
+    waves = np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(len(angle), -1)
+    return np.concatenate([waves, np.polynomial.legendre.legvander(scaled, drift)], axis=1)
+
+
+def _sidebands(order: float, orders: Float[np.ndarray, "order"], revolutions: int) -> Int[np.ndarray, "_"]:
+    """Offsets k of the sidebands order ± k / revolutions that hold noise alone; none where they are too few."""
+    offsets = np.arange(1, int(BAND * min(order, 1.0) * revolutions) + 1)
+    # A harmonic that was not fitted is no noise either.
+    others = np.concatenate([orders, np.arange(np.ceil(order) + 2.0)])
+    others = others[np.abs(others - order) * revolutions > 0.5]
+    both = order + np.stack([offsets, -offsets])[..., None] / revolutions
+    free = np.all(np.abs(both - others) * revolutions > 0.99, axis=(0, 2))
+    offsets = offsets[free][:MOST_SIDEBANDS]
+    return offsets if len(offsets) >= FEWEST_SIDEBANDS else offsets[:0]
+
+
+def _scatter_of_sidebands(
+    residual: Float[np.ndarray, "sample probe"], angle: Float[np.ndarray, "sample"], order: float, offsets: Float[np.ndarray, "_"]
+) -> Float[np.ndarray, "2*probe 2*probe"]:
+    """Covariance of (Re z, Im z) of every probe from the residual's Fourier coefficients beside the order.
+
+    Over N whole revolutions the coefficients at order ± k/N are as scattered as that at the order itself where the
+    noise spectrum is flat across them, whatever it is elsewhere: white and coloured noise, and the sidebands that
+    uncertain pulses and a varying vector make, are all counted. It does what the scatter of blocks of revolutions
+    does, without the leak of low frequencies into short blocks. With b(φ) e^{i n φ} the residual, c_k the
+    coefficient of b: those of Re b and Im b are (c_k + c̄_-k)/2 and (c_k - c̄_-k)/2i.
+    """
+    upper, lower = (2.0 / len(angle) * np.exp(-1j * np.outer(order + side * offsets, angle)) @ residual for side in (1.0, -1.0))
+    parts = np.stack([0.5 * (upper + lower.conj()), -0.5j * (upper - lower.conj())], axis=-1).reshape(len(offsets), -1)
+    freedoms = 2 * len(offsets)
+    # The variance of Student's t: an error in units of an estimated standard error scatters by more than one.
+    return np.real(parts.conj().T @ parts) / len(offsets) * freedoms / (freedoms - 2)
+
+
+def _variance_of_residual(
+    residual: Float[np.ndarray, "sample probe"], design: Float[np.ndarray, "sample _"], columns: slice, step: float
+) -> Float[np.ndarray, "2*probe 2*probe"]:
+    """The same for few revolutions: least squares with the residual's variance, as noise of first order.
+
+    A first-order autoregression with correlation a has, at ``step`` radians of the order per sample, the density
+    (1 - a²)/(1 + a² - 2a cos step) times that of white noise; below one it is not believed.
+    """
+    spread = residual.T @ residual / (len(residual) - design.shape[1])
+    power = np.sum(residual**2, axis=0)
+    product = np.sum(residual[1:] * residual[:-1], axis=0)
+    a = np.divide(product, power, out=np.zeros_like(power), where=power > 0.0)
+    colour = np.sqrt(np.maximum((1.0 - a**2) / (1.0 + a**2 - 2.0 * a * np.cos(step)), 1.0))
+    sign = np.array([1.0, -1.0])  # Im z is minus the coefficient of the sine
+    unit = sign[:, None] * np.linalg.inv(design.T @ design)[columns, columns] * sign
+    return np.kron(spread * colour[:, None] * colour, unit)

@@ -1,0 +1,187 @@
+"""Measurement tables (CSV): read with every problem named at once, written in one piece."""
+
+import csv
+import difflib
+import io
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from rotorjax.data.files import read_text, write_whole
+from rotorjax.data.measurement import Row
+from rotorjax.errors import InputError
+
+REQUIRED = ("run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg")
+OPTIONAL = ("sigma_um", "repeat")
+LARGEST = 1e9
+"""No amplitude in µm, speed in rpm or angle in degrees is larger."""
+_DELIMITER_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+
+class Table(NamedTuple):
+    """Rows as written, the line of each, and notes on what was tolerated."""
+
+    rows: list[Row]
+    lines: list[int]
+    notes: list[str]
+    problems: list[str]
+    """Rows that cannot be used, one line each: a rig adds runs that it does not know before they are raised."""
+
+
+class _Header(NamedTuple):
+    delimiter: str
+    columns: dict[str, int]
+    width: int
+
+
+def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
+    """Read a measurement table as it is written, conventions not yet applied.
+
+    **Arguments:** ``probes``: names to accept, if known. **Returns** the rows and, one line each, the problems: file,
+    line, column and cure. `Rig.measurement` refuses a table with any. **Errors.** `InputError` for a header or a file
+    that cannot be read at all.
+    """
+    text = read_text(path)
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    if not lines:
+        raise InputError(f"{path}: the file is empty; its first line must be the header {','.join(REQUIRED)}")
+    notes: list[str] = []
+    header = _read_header(path, *lines[0], notes)
+    problems: list[str] = []
+    rows: list[Row] = []
+    numbers: list[int] = []
+    known = list(probes) if probes is not None else None
+    for number, line in lines[1:]:
+        row = _read_row(f"{path}:{number}", line, header, known, problems)
+        if row is not None:
+            rows.append(row)
+            numbers.append(number)
+    problems += _duplicates(path, rows, numbers)
+    if len(lines) == 1:
+        problems.append(f"{path}: no rows below the header; write one per run, speed, probe and order")
+    return Table(rows, numbers, notes, problems)
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader(io.StringIO(line), delimiter=delimiter, skipinitialspace=True))]
+
+
+def _read_header(path: Path, number: int, line: str, notes: list[str]) -> _Header:
+    delimiter = max(_DELIMITER_NAMES, key=line.count)
+    names = _split(line, delimiter)
+    problems = []
+    if not set(names) & {*REQUIRED, *OPTIONAL}:
+        raise InputError(f"{path}:{number}: no header; the first line must be {','.join(REQUIRED)},sigma_um")
+    for name in sorted({n for n in names if names.count(n) > 1}):
+        problems.append(f"{path}:{number}: column {name!r} appears {names.count(name)} times; keep one")
+    missing = [name for name in REQUIRED if name not in names]
+    absent = missing + [name for name in OPTIONAL if name not in names]
+    for column, name in enumerate(names, start=1):
+        if name in REQUIRED or name in OPTIONAL:
+            continue
+        near = difflib.get_close_matches(name.lower(), absent, 1, 0.6)
+        if near:
+            problems.append(f"{path}:{number}: column {column} ({name!r}) is unknown; did you mean {near[0]!r}?")
+        else:
+            notes.append(f"{path}:{number}: column {column} ({name!r}) is ignored")
+    for name in missing:
+        problems.append(f"{path}:{number}: column {name!r} is missing; the header must hold {','.join(REQUIRED)}")
+    if problems:
+        raise InputError(*problems)
+    if delimiter != ",":
+        with_commas = " with decimal commas" if delimiter == ";" else ""
+        notes.append(f"{path}: read as a table separated by {_DELIMITER_NAMES[delimiter]}{with_commas}")
+    return _Header(delimiter, {name: names.index(name) for name in (*REQUIRED, *OPTIONAL) if name in names}, len(names))
+
+
+def _cells(place: str, line: str, header: _Header, problems: list[str]) -> list[str] | None:
+    try:
+        cells = _split(line, header.delimiter)
+    except csv.Error as error:
+        problems.append(f"{place}: {error}; write plain text cells")
+        return None
+    if len(cells) != header.width:
+        named = _DELIMITER_NAMES[header.delimiter]
+        problems.append(f"{place}: {len(cells)} cells, the header has {header.width}; separate exactly {header.width} cells by {named}")
+        return None
+    return cells
+
+
+def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, problems: list[str]) -> Row | None:
+    cells = _cells(place, line, header, problems)
+    if cells is None:
+        return None
+    before = len(problems)
+
+    def where(name: str) -> str:
+        return f"{place}: column {header.columns[name] + 1} ({name})"
+
+    def number(name: str, least: float, *, strict: bool) -> float:
+        value = _number(cells[header.columns[name]], decimal_comma=header.delimiter == ";")
+        if value is None:
+            problems.append(f"{where(name)}: {cells[header.columns[name]]!r} is not a finite number; write it like 12.5")
+            return math.nan
+        if abs(value) > LARGEST:
+            problems.append(f"{where(name)}: {value:g} is beyond anything measured; check its unit")
+        if value < least or (strict and value == least):
+            problems.append(f"{where(name)}: {value:g} must be {'above' if strict else 'at least'} {least:g}")
+        return value
+
+    run, probe = cells[header.columns["run"]], cells[header.columns["probe"]]
+    if not run:
+        problems.append(f"{where('run')}: empty; name the run")
+    if probes is not None and probe not in probes:
+        problems.append(f"{where('probe')}: unknown probe {probe!r}; the rig file has {', '.join(probes)}")
+    row = Row(
+        run,
+        number("speed_rpm", 0.0, strict=True),
+        probe,
+        number("order", 0.0, strict=False),
+        number("amplitude_um", 0.0, strict=False),
+        number("phase_deg", -math.inf, strict=False),
+        number("sigma_um", 0.0, strict=True) if "sigma_um" in header.columns else None,
+        cells[header.columns["repeat"]] if "repeat" in header.columns else "",
+    )
+    if row.order == 0.0 and row.amplitude_um > 0.0 and row.phase_deg % 180.0 != 0.0:
+        problems.append(f"{where('phase_deg')}: order 0 is a constant offset; its phase must be 0 or 180")
+    return row if len(problems) == before else None
+
+
+def _number(text: str, *, decimal_comma: bool) -> float | None:
+    if decimal_comma and text.count(",") == 1 and "." not in text:
+        text = text.replace(",", ".")
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and "_" not in text else None
+
+
+def _duplicates(path: Path, rows: list[Row], lines: list[int]) -> list[str]:
+    first: dict[tuple[object, ...], int] = {}
+    problems = []
+    for row, line in zip(rows, lines, strict=True):
+        key = (row.run, row.speed_rpm, row.probe, row.order, row.repeat)
+        if key in first:
+            problems.append(
+                f"{path}:{line}: same run, speed, probe and order as line {first[key]}; remove one, or number repeated readings in a column 'repeat'"
+            )
+        first.setdefault(key, line)
+    return problems
+
+
+def write_table(path: Path, rows: list[Row]) -> None:
+    """Write rows as a measurement table, whole or not at all; sigma and repeat only if some row has them."""
+    names = [*REQUIRED]
+    if any(row.sigma_um is not None for row in rows):
+        names.append("sigma_um")
+    if any(row.repeat for row in rows):
+        names.append("repeat")
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(names)
+    for row in rows:
+        record = row._asdict()
+        writer.writerow([f"{v:.10g}" if isinstance(v := record[name], float) else v for name in names])
+    write_whole(path, buffer.getvalue())

@@ -1,0 +1,50 @@
+"""How exactly a fit ends, how it goes there, and what its result codes mean."""
+
+from typing import NamedTuple
+
+from rotorjax.arrays import AnyArray
+
+FIRST_DAMPING = 1e-2
+"""Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
+CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF = 0, 1, 2, 3
+RESULT_TEXT = {
+    CONVERGED: "converged",
+    MAX_STEPS: "stopped at the step limit: the data hardly determine some parameter; give it a value, or a tighter prior",
+    CUT_OFF: "stopped where the linearisations allowed were spent",
+    NOT_FINITE: "not finite at the start: check the rig file's mass, stiffness and damping, and the table's sigma",
+}
+"""What each result code of a fit means and what to do next."""
+
+
+class Tolerance(NamedTuple):
+    """Fall of the cost below which a descent is at its end: absolute, and relative to the cost."""
+
+    absolute: AnyArray | float
+    relative: AnyArray | float
+
+
+FINE, COARSE = Tolerance(1e-6, 1e-6), Tolerance(1e-2, 1e-4)
+"""For estimates; and for ranking, where a hundredth of a log unit decides nothing."""
+
+
+class Manner(NamedTuple):
+    """How exactly a descent ends, and how it goes there."""
+
+    tolerance: Tolerance
+    most_steps: int = 60
+    most_stalled: int = 12
+    """Steps in a row that gain nothing."""
+    first_freedom: float = 0.1
+    """Of motions in the beginning, in the largest displacement measured."""
+    firmer: float = 0.5
+    """What is left of that freedom after every step that lowers the cost."""
+    lenient: float = 0.02
+    """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
+    largest_step: float = 1.0
+    """Of the motion of a case, in its size."""
+    patience: int = 3
+    """Steps of motions without freedom after which a start may be given up for what is better."""
+
+
+THOROUGH, QUICK = Manner(FINE), Manner(COARSE)
+"""For estimates; and for ranking many hypotheses."""

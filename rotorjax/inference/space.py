@@ -1,0 +1,207 @@
+"""The parameter vector of a fit: every entry of every effect in the model, in units of its prior scale."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Bool, Float, Int
+
+from rotorjax.arrays import as_array
+from rotorjax.data.measurement import Knowledge
+from rotorjax.effects import CATALOG
+from rotorjax.model.contract import Effect, RestoringEffect, WaveformEffect
+from rotorjax.model.model import Model
+from rotorjax.units import Unit, unit_of
+
+
+class Entry(NamedTuple):
+    """One number of one effect: scale of its prior (`rotorjax.inference.prior`) in SI, or of ln(1 + value) if logarithmic."""
+
+    effect: str
+    label: str
+    scale: float
+    logarithmic: bool
+    declared_uncertain: bool
+    unknown: int
+    """Index of the unknown that moves it; entries that the user tied share one."""
+
+    @property
+    def key(self) -> str:
+        """Effect and label, as people write it."""
+        return f"{self.effect}.{self.label}"
+
+    @property
+    def parameter(self) -> str:
+        """The label without its axes."""
+        return self.label.split(".", 1)[0]
+
+    @property
+    def unit(self) -> Unit:
+        """Declared by the parameter's name."""
+        return unit_of(self.parameter)
+
+
+class Space(eqx.Module):
+    """Maps a vector of unknowns, each in units of its prior scale, to a model.
+
+    Value of entry i: scale_i u_j, where j is its unknown; the null of every effect is u = 0. A value that the user
+    declared uncertain is given_i + scale_i u_j, or (1 + given_i) exp(scale_i u_j) - 1 if it is a positive quantity: what
+    the model says is its centre.
+    """
+
+    model: Model
+    centre: Float[Array, "param"]
+    scale: Float[Array, "param"]
+    logarithmic: Bool[Array, "param"]
+    unknown: Int[Array, "param"]
+    open_size: Int[Array, "param"]
+    """Of every unknown: a number for what it is a part of, if the size of that is left open (`rotorjax.inference.prior`); else -1."""
+    entries: tuple[Entry, ...] = eqx.field(static=True)
+
+    def at(self, unknowns: Float[Array, "param"]) -> Model:
+        """The model at these unknowns."""
+        moved = self.scale * unknowns[self.unknown]
+        # The inner choice keeps an overflow of the branch not taken out of the gradient.
+        factor = jnp.expm1(jnp.where(self.logarithmic, moved, 0.0))
+        values = self.centre + jnp.where(self.logarithmic, (1.0 + self.centre) * factor, moved)
+        _, unravel = ravel_pytree(self.model.effects)
+        return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
+
+    def with_orders(self, orders: tuple[float, ...]) -> "Space":
+        """The same for other orders. Parameters of orders that are new stay at their null: their unknowns, after the others, change nothing."""
+        old = {entry: k for k, entry in enumerate(labels_of(self.model))}
+        bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
+        blank = [e.replaced([as_array(np.zeros(p.shape(bare.layout))) for p in e.parameters()]) for e in self.model.effects]
+        model = dataclasses.replace(bare, effects=tuple(blank))
+        place = np.array([old.get(entry, -1) for entry in labels_of(model)], dtype=int)
+
+        def at(values: Array, new: Any) -> Array:
+            return as_array(np.where(place < 0, new, np.asarray(values)[place]) if len(values) else np.full(len(place), new))
+
+        centre, scale, logarithmic = at(self.centre, 0.0), at(self.scale, 0.0), at(self.logarithmic, False)
+        return Space(model, centre, scale, logarithmic, at(self.unknown, 0), at(self.open_size, -1), ())
+
+    def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
+        """Value of every entry [SI]."""
+        moved, centre = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)], np.asarray(self.centre)
+        factor = np.expm1(np.where(self.logarithmic, moved, 0.0))
+        return centre + np.where(self.logarithmic, (1.0 + centre) * factor, moved)
+
+    def model_at(self, unknowns: Float[np.ndarray, "param"]) -> Model:
+        """`at` for known numbers, outside compiled code; without forces depending on motion that are at their null."""
+        leaves, structure = jax.tree.flatten(self.model.effects)
+        parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
+        effects = [as_array(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
+        full = eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
+        timed = [e for e in full.effects if isinstance(e, RestoringEffect | WaveformEffect)]
+        return full.without(*(e.name for e in timed if not any(np.any(np.asarray(v)) for v in e.values())))
+
+    def given_unknowns(self) -> Float[np.ndarray, "param"]:
+        """Unknowns at which the entries have the values that the model came with."""
+        unknowns = np.zeros(len(self.entries))
+        unknowns[np.asarray(self.unknown)] = (values_of(self.model) - np.asarray(self.centre)) / np.asarray(self.scale)
+        return unknowns
+
+    def timed(self) -> Bool[np.ndarray, "param"]:
+        """Unknowns of effects that make the orders depend on one another."""
+        names = {e.name for e in self.model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
+        mask = np.zeros(len(self.entries), dtype=bool)
+        mask[[e.unknown for e in self.entries if e.effect in names]] = True
+        return mask
+
+    def even(self) -> Bool[np.ndarray, "param"]:
+        """Unknowns of which only the square counts."""
+        squared = {(e.name, name) for e in self.model.effects for name in type(e).even}
+        mask = np.zeros(len(self.entries), dtype=bool)
+        mask[[e.unknown for e in self.entries if (e.effect, e.parameter) in squared and not e.declared_uncertain]] = True
+        return mask
+
+    def effects_of(self, mask: Bool[np.ndarray, "param"]) -> set[str]:
+        """Names of the effects that these unknowns belong to."""
+        return {e.effect for e in self.entries if mask[e.unknown]}
+
+    def free(self, effects: list[str], fixed: frozenset[str] = frozenset()) -> np.ndarray:
+        """Mask of the unknowns of these effects and of all that the user declared uncertain, less fixed keys."""
+        mask = np.zeros(len(self.entries), dtype=bool)
+        for entry in self.entries:
+            if (entry.effect in effects or entry.declared_uncertain) and entry.key not in fixed:
+                mask[entry.unknown] = True
+        return mask
+
+    def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
+        """Mask of the unknowns of these effects that the user did not declare uncertain."""
+        mask = np.zeros(len(self.entries), dtype=bool)
+        for entry in self.entries:
+            if entry.effect in effects and not entry.declared_uncertain:
+                mask[entry.unknown] = True
+        return mask
+
+
+def labels_of(model: Model) -> list[tuple[str, str]]:
+    """Effect and label of every number of every effect."""
+    return [(e.name, label) for e in model.effects for p in e.parameters() for label in p.labels(model.layout)]
+
+
+def values_of(model: Model) -> Float[np.ndarray, "param"]:
+    """These numbers [SI]."""
+    leaves = jax.tree.leaves(model.effects)
+    return np.concatenate([np.ravel(leaf) for leaf in leaves]) if leaves else np.zeros(0)
+
+
+def make_space(model: Model, knowledge: Knowledge) -> Space:
+    """The parameter space of a model: all entries of its effects, those of uncertain rig values among them.
+
+    **Arguments:** ``model`` with every effect whose parameters may be freed; ``knowledge``: what the user declared
+    uncertain (its effects must be in the model) and prior scales to use instead of the effects' own.
+    """
+    uncertain = {f"{u.effect}.{u.label}": u for u in knowledge.uncertain}
+    groups: dict[str, int] = {}
+    entries: list[Entry] = []
+    for effect in model.effects:
+        priors: Mapping[str, float] = knowledge.priors.get(effect.name, {})
+        for declared in effect.parameters():
+            own = priors.get(declared.name, declared.prior_scale(model.rotor))
+            for label in declared.labels(model.layout):
+                known = uncertain.get(f"{effect.name}.{label}")
+                unknown = len(entries) if known is None else groups.setdefault(known.group, len(entries))
+                scale, logarithmic = (own, False) if known is None else (known.deviation, known.logarithmic)
+                entries.append(Entry(effect.name, label, scale, logarithmic, known is not None, unknown))
+    declared = np.array([e.declared_uncertain for e in entries], dtype=bool)
+    return Space(
+        model,
+        as_array(np.where(declared, values_of(model), 0.0)),
+        as_array(np.array([e.scale for e in entries], dtype=float)),
+        as_array(np.array([e.logarithmic for e in entries], dtype=bool)),
+        as_array(np.array([e.unknown for e in entries], dtype=int)),
+        as_array(_open_sizes(model, knowledge, entries)),
+        tuple(entries),
+    )
+
+
+def _open_sizes(model: Model, knowledge: Knowledge, entries: list[Entry]) -> Int[np.ndarray, "param"]:
+    """As in `Space.open_size`: parameters of an effect with one unit together, for they may be components of one vector.
+
+    A number without a unit, like a coefficient of friction, has a size that is known beforehand, and so has what the user gave a scale.
+    """
+    sized = {e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
+    numbers: dict[tuple[str, str], int] = {}
+    found = np.full(len(entries), -1)
+    for entry in entries:
+        told = entry.declared_uncertain or entry.parameter in knowledge.priors.get(entry.effect, {})
+        if entry.effect in sized and not told and entry.unit.si != "1":
+            found[entry.unknown] = numbers.setdefault((entry.effect, entry.unit.si), len(numbers))
+    return found
+
+
+def with_company(model: Model, names: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Model:
+    """The model with the effects of these names, at their null where it does not have them."""
+    for name in sorted(names):
+        if name not in model:
+            model = model + catalog[name]()
+    return model

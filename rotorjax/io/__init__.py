@@ -1,1 +1,0 @@
-"""Files: measurement tables and rig files."""

@@ -1,0 +1,82 @@
+"""What a model is asked for: names along its axes, its probes, and the conditions of every case."""
+
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from rotorjax.arrays import Numbers, as_float, is_known
+from rotorjax.units import RPM
+
+if TYPE_CHECKING:
+    # A type checker takes equinox's own for instance variables.
+    pass
+else:
+    pass
+
+
+Axis = Literal["probe", "order", "plane"]
+
+
+class Layout(NamedTuple):
+    """The names along the axes of a model's arrays."""
+
+    probes: tuple[str, ...] = ("X", "Y")
+    planes: tuple[str, ...] = ("disk",)
+    orders: tuple[float, ...] = (1.0,)
+
+    def names(self, axis: Axis) -> tuple[str, ...]:
+        """Labels along an axis. A parameter per ``plane`` has none for the first: that one defines the scale."""
+        if axis == "probe":
+            return self.probes
+        if axis == "plane":
+            return self.planes[1:]
+        return tuple(f"{order:g}X" for order in self.orders)
+
+
+class Conditions(eqx.Module):
+    """Operating conditions: how fast, and what is deliberately installed. Make one with `Conditions.at`."""
+
+    speed: Float[Array, "*case"]
+    """Ω, rad/s."""
+    unbalance: Float[Array, "*case plane dof"]
+    """Installed unbalance, kg m: along x and 90° on in the sense of rotation, at t = 0."""
+    bow: Float[Array, "*case dof"]
+    """Installed bow, m, likewise."""
+
+    @classmethod
+    def at(cls, speed: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
+        """Conditions at these speeds.
+
+        **Arguments:** ``speed`` [rad/s], a number or an array; ``unbalance`` [kg m], last axes (plane, dof), or
+        (dof,) for a single plane; ``bow`` [m], last axis (dof,). Both are repeated over the speeds where needed.
+        """
+        # For numbers nothing need be compiled.
+        numbers, array = (np, np.asarray) if is_known(speed, unbalance, bow) else (jnp, as_float)
+        omega, mass_distance, offset = numbers.atleast_1d(array(speed)), array(unbalance), array(bow)
+        if mass_distance.ndim < 2:
+            mass_distance = numbers.broadcast_to(mass_distance, (1, 2))
+        planes = mass_distance.shape[-2:]
+        spread = numbers.broadcast_to(mass_distance, (*omega.shape, *planes)), numbers.broadcast_to(offset, (*omega.shape, 2))
+        return cls(*map(as_float, (omega, *spread)))
+
+    @classmethod
+    def at_rpm(cls, speed_rpm: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
+        """The same with speeds in revolutions per minute."""
+        return cls.at((np.asarray if is_known(speed_rpm) else as_float)(speed_rpm) * RPM, unbalance=unbalance, bow=bow)
+
+
+class Probes(eqx.Module):
+    """Displacement probes: direction from +x towards +y [rad], mode shape there relative to the disk, reference."""
+
+    angle: Float[Array, "probe"] = eqx.field(converter=as_float)
+    participation: Float[Array, "probe"] = eqx.field(converter=as_float)
+    on_foundation: Float[Array, "probe"] = eqx.field(converter=as_float)
+    """One where the probe reads against the foundation, zero where against the ground."""
+
+
+def _two_probes() -> Probes:
+    return Probes(jnp.array([0.0, jnp.pi / 2.0]), jnp.ones(2), jnp.zeros(2))

@@ -1,0 +1,95 @@
+"""The model that carries effects: a rotor, its probes and planes, and what `+` means."""
+
+import functools
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from rotorjax.arrays import Numbers, as_float
+
+if TYPE_CHECKING:
+    # A type checker takes equinox's own for instance variables.
+    pass
+else:
+    pass
+
+
+from rotorjax.model.conditions import Layout, Probes, _two_probes
+from rotorjax.model.contract import AbstractRotor, Effect
+
+
+def _float_or_none(value: Numbers | None) -> Array | None:
+    return None if value is None else as_float(value)
+
+
+class Model(eqx.Module):
+    """A rotor, how it is read, where weights sit on it, and the effects added to it.
+
+    ``model + effect`` adds an effect. Effects are kept by name, so that every order of adding gives the same
+    model; adding an effect that is there already adds its parameters.
+    """
+
+    rotor: AbstractRotor
+    probes: Probes = eqx.field(default_factory=_two_probes)
+    participation: Float[Array, "plane"] = eqx.field(converter=as_float, default_factory=lambda: jnp.ones(1))
+    """Mode shape at each balancing plane, relative to the disk."""
+    slow_roll: Float[Array, ""] | None = eqx.field(converter=_float_or_none, default=None)
+    """Speed [rad/s] of the slow roll that was subtracted from every vector, if one was."""
+    effects: tuple[Effect, ...] = ()
+    layout: Layout = eqx.field(static=True, default=Layout())
+
+    def __check_init__(self) -> None:
+        if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (len(self.layout.planes),):
+            raise ValueError(f"the layout names probes {self.layout.probes} and planes {self.layout.planes}: give each an angle and a participation")
+
+    def __add__(self, effect: Effect) -> "Model":
+        sized = effect.sized(self.layout)
+        present = self.find(effect.name)
+        if present is not None:
+            sized = jax.tree.map(jnp.add, present, sized)
+        others = [e for e in self.effects if e.name != effect.name]
+        return self._with_effects([*others, sized])
+
+    def plus(self, effects: Iterable[Effect]) -> "Model":
+        """The model with several effects added."""
+        return functools.reduce(Model.__add__, effects, self)
+
+    def __contains__(self, name: str) -> bool:
+        return self.find(name) is not None
+
+    def find(self, name: str) -> Effect | None:
+        """The effect of that name, if the model has it."""
+        return next((e for e in self.effects if e.name == name), None)
+
+    def without(self, *names: str) -> "Model":
+        """The model less these effects."""
+        return self._with_effects([e for e in self.effects if e.name not in names])
+
+    def with_orders(self, orders: tuple[float, ...]) -> "Model":
+        """The model for other orders; parameters per order keep their values where the order stays."""
+        if orders == self.layout.orders:
+            return self
+        layout = self.layout._replace(orders=orders)
+        bare = Model(self.rotor, self.probes, self.participation, self.slow_roll, (), layout)
+        for effect in self.effects:
+            bare = bare + effect.replaced(list(self._reordered(effect, orders)))
+        return bare
+
+    def _reordered(self, effect: Effect, orders: tuple[float, ...]) -> Iterator[Array]:
+        old = self.layout.orders
+        for declared, value in zip(effect.parameters(), effect.values(), strict=True):
+            if "order" not in declared.axes:
+                yield value
+                continue
+            axis = declared.axes.index("order")
+            kept = [jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis)) for n in orders]
+            yield jnp.stack(kept, axis)
+
+    def _with_effects(self, effects: list[Effect]) -> "Model":
+        ordered = tuple(sorted(effects, key=lambda e: e.name))
+        return Model(self.rotor, self.probes, self.participation, self.slow_roll, ordered, self.layout)

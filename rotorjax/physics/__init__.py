@@ -1,0 +1,1 @@
+"""How a rotor answers: closed form, harmonic balance, stability, integration in time."""

@@ -1,0 +1,132 @@
+"""One station at one order: dynamic stiffness, drive, and the measuring chain, put together in a fixed order.
+
+Support path (stiffnesses summed, turned, in series with a foundation), disk-borne terms, forces, reading: every set of
+effects gives the same model however it was written.
+"""
+
+import functools
+import math
+import operator
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Complex, Float
+
+from rotorjax.model.conditions import Conditions, Probes
+from rotorjax.model.contract import (
+    Excitation,
+    ExcitationEffect,
+    Matrices,
+    MatrixEffect,
+    OperatingPoint,
+    Reading,
+    ReadingEffect,
+    SpeedEffect,
+    Support,
+    SupportEffect,
+)
+from rotorjax.model.model import Model
+from rotorjax.physics.planar import Matrix, Vector
+
+
+class Motion(NamedTuple):
+    """Motion of the disk and of the foundation under it, at one order [m]."""
+
+    disk: Vector
+    foundation: Vector
+
+
+def _add(first: Any, *others: Any) -> Any:
+    return functools.reduce(lambda a, b: jax.tree.map(operator.add, a, b), others, first)
+
+
+def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tuple[Matrix, Vector]:
+    """K_p = (S⁻¹ + F⁻¹)⁻¹ with S = R(β) K R(β)ᵀ, and the foundation's compliance F⁻¹ per axis."""
+    straight = Matrix.diagonal(point.rotor.stiffness[0], point.rotor.stiffness[1]) + Matrix.of(added.path_stiffness)
+    effects = [e for e in model.effects if isinstance(e, SupportEffect)]
+    if not effects:
+        return straight, Vector(0.0, 0.0)
+    support = _add(Support(), *(e.support(point) for e in effects))
+    turn = Matrix.turn(support.turn)
+    turned = turn @ straight @ turn.transposed
+    compliance = Vector.of(support.compliance)
+    series = Matrix.diagonal(1.0, 1.0) + Matrix.diagonal(compliance.x, compliance.y) @ turned
+    return turned @ series.inverse(), compliance
+
+
+class Assembled(NamedTuple):
+    """The linear rotor at one order: D q = F, and what the foundation and a bow need of it."""
+
+    dynamic: Matrix
+    """D = K_p + iωC + K_disk - ω²M."""
+    drive: Vector
+    """F = F_unbalance + F_effects + K_p bow + weight."""
+    path: Matrix
+    compliance: Vector
+    offset: Vector
+    """Bow."""
+
+    def motion(self) -> Motion:
+        """Motion under the drive."""
+        return self.motion_of(self.dynamic.solve(self.drive))
+
+    def motion_of(self, disk: Vector) -> Motion:
+        """The foundation's motion beside the disk's."""
+        transmitted = self.path.times(disk - self.offset)
+        return Motion(disk, Vector(self.compliance.x * transmitted.x, self.compliance.y * transmitted.y))
+
+
+def assemble(model: Model, point: OperatingPoint) -> Assembled:
+    """The model at one order, everything but its restoring forces."""
+    added = _add(Matrices(), *(e.matrices(point) for e in model.effects if isinstance(e, MatrixEffect)))
+    driven = _add(Excitation(), *(e.excitation(point) for e in model.effects if isinstance(e, ExcitationEffect)))
+    path, compliance = _path_stiffness(model, point, added)
+    rotor, omega = point.rotor, point.frequency
+    path_damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
+    mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
+    dynamic = path + 1j * omega * (path_damping + Matrix.of(added.damping)) + Matrix.of(added.stiffness) + (-(omega**2)) * mass
+    once, constant = point.at_order(1.0), point.at_order(0.0)
+    offset = Vector.of(driven.offset) + once * Vector.of(point.forward(point.bow))
+    through = path + 1j * omega * path_damping if rotor.bow_through_damping else path
+    installed = once * point.speed**2 * Vector.of(point.forward(jnp.sum(point.unbalance, axis=0)))
+    weight = constant * mass.times(Vector.of(rotor.gravity))
+    return Assembled(dynamic, Vector.of(driven.force) + installed + weight + through.times(offset), path, compliance, offset)
+
+
+class Chain(NamedTuple):
+    """The measuring chain at one order: what it adds to and multiplies the motion by, and how it turns what comes out."""
+
+    gain: Any
+    runout: Any
+    direction: Any
+    turn: Any
+
+    @classmethod
+    def of(cls, model: Model, point: OperatingPoint) -> "Chain":
+        """All reading effects together, in their fixed order: direction, runout, gain, then delay and phase reference."""
+        readings = [e.reading(point) for e in model.effects if isinstance(e, ReadingEffect)]
+        gain: Any = math.prod(r.gain for r in readings)
+        total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
+        turn = jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
+        return cls(gain, total.runout, total.direction, turn)
+
+    def sensed(self, probes: Probes, motion: Motion) -> Complex[Array, "probe"]:
+        """What the probes deliver, before delay and phase reference."""
+        angle = probes.angle + self.direction
+        x = motion.disk.x - probes.on_foundation * motion.foundation.x
+        y = motion.disk.y - probes.on_foundation * motion.foundation.y
+        along = jnp.cos(angle) * x + jnp.sin(angle) * y
+        return (probes.participation * along + self.runout) * self.gain
+
+
+def true_speed(model: Model, speed: Float[Array, ""]) -> Float[Array, ""]:
+    """The speed with what speed effects add."""
+    return speed + sum((e.added_speed(speed) for e in model.effects if isinstance(e, SpeedEffect)), jnp.zeros(()))
+
+
+def point_at(model: Model, condition: Conditions, order: Array, index: Array) -> OperatingPoint:
+    """All that an effect may know at one order of a case."""
+    unbalance = condition.unbalance * model.participation[:, None]
+    return OperatingPoint(model.rotor, condition.speed, order, index, unbalance, condition.bow)

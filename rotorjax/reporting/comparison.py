@@ -1,0 +1,401 @@
+"""What people read: tables, the verdict in a sentence, JSON, and the HTML report. Engineering units from here on."""
+
+import base64
+import math
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import jinja2
+import numpy as np
+
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.rig import Convention
+from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
+from rotorjax.discovery.compare import Cell, Comparison
+from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
+from rotorjax.discovery.rivals import TIE, Rival
+from rotorjax.discovery.story import CORRELATED, Story
+from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
+from rotorjax.model.model import Model
+from rotorjax.reporting.tables import Table, is_number, number
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
+
+WORST = 8
+"""Cells shown among the worst."""
+SUSPICIOUS_CHI2 = 0.1
+"""Reduced chi-square below which the standard errors of a table cannot be right."""
+HELPS = 0.95
+"""An addition that leaves more than this share of the error has not helped."""
+
+
+def measurement_line(m: Measurement) -> str:
+    """What was measured, in a line."""
+    speeds = f"{m.speed_rpm.min():.0f} to {m.speed_rpm.max():.0f} rpm" if np.ptp(m.speed_rpm) > 0.5 else f"{m.speed_rpm[0]:.0f} rpm"
+    orders = ", ".join(f"{order:g}X" for order in m.orders)
+    if m.sigma is None:
+        noise = "noise not given: inferred from what the fit leaves"
+    else:
+        source = "from repeats" if m.noise == "repeats" else "given"
+        noise = f"standard error {number(float(np.median(m.sigma[m.present])) / MICROMETRE)} µm ({source})"
+    runs = "1 run" if len(m.runs) == 1 else f"{len(m.runs)} runs"
+    probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
+    return f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} µm rms, {noise}"
+
+
+def verdict(story: Story) -> str:
+    """The result in one or two sentences."""
+    first = _fails(story.declared, "The model as declared")
+    if not story.fits:
+        return first
+    before, after = story.views[0].rms, story.last.rms
+    if _has_uncertain(story):
+        first += f" With its uncertain values fitted {number(before / MICROMETRE)} µm remain."
+    names = ", ".join(story.additions)
+    needed = [r for r in story.rivals if r.instead is None and not r.tied]
+    if after > HELPS * before and not needed:
+        return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
+    held = story.fits[-1].held_out_rms
+    fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
+    held_text = f"; {number(before / held)}-fold on data held out" if held else ""
+    return f"{first} With {names} the error falls {fold} to {number(after / MICROMETRE)} µm rms{held_text}. {_remains(story)}"
+
+
+def _remains(story: Story) -> str:
+    chi2 = story.fits[-1].reduced_chi2
+    if chi2 is None:
+        return "The noise is unknown, so that nothing says whether what is left is more than noise."
+    if _healthy(chi2, story.last):
+        return "What is left is what the noise allows."
+    return f"What is left is {number(math.sqrt(chi2))} times the standard error: more than noise."
+
+
+def _healthy(chi2: float, view: Comparison) -> bool:
+    """Within four standard deviations of what noise alone gives."""
+    return chi2 <= 1.0 + 4.0 * math.sqrt(2.0 / np.count_nonzero(view.measurement.weights(0.0)))
+
+
+def _fails(view: Comparison, subject: str) -> str:
+    rms, size = view.rms / MICROMETRE, view.measurement.rms / MICROMETRE
+    share = f", {number(100.0 * rms / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
+    amount = f"{number(rms)} µm rms{share}"
+    if view.reduced_chi2 is None:
+        return f"{subject} misses by {amount}; the noise is unknown, so that nothing says whether this is much."
+    if _healthy(view.reduced_chi2, view):
+        return f"{subject} is within the noise: {amount}."
+    return f"{subject} fails: it misses by {amount}, {number(math.sqrt(view.reduced_chi2))} times the standard error."
+
+
+def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
+    """Where the model fails, worst first."""
+    cells = view.where()
+    headers = ["run", "rpm", "probe", "order", "measured µm", "model µm", "residual µm", "std. errors", "amplitude ratio", "phase error °"]
+    rows = [_cell_row(cell) for cell in cells[:count]]
+    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows)
+
+
+def _cell_row(cell: Cell) -> list[str]:
+    return [
+        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured), _polar(cell.predicted), number(cell.residual_um),
+        number(cell.standardised), number(cell.amplitude_ratio), number(cell.phase_error_deg),
+    ]  # fmt: skip
+
+
+def _polar(z: complex) -> str:
+    return f"{number(abs(z) / MICROMETRE)} at {math.degrees(math.atan2(z.imag, z.real)):.0f}°"
+
+
+def share_table(view: Comparison, title: str, most: int = 6) -> Table:
+    """Share of the misfit by run, speed, probe and order, the largest of each."""
+    rows = []
+    units = {"speed": " rpm", "order": "X", "run": "", "probe": ""}
+    for kind, shares in view.share().items():
+        largest = sorted(shares.items(), key=lambda item: -item[1])
+        shown = ", ".join(f"{name}{units[kind]} {100.0 * value:.0f} %" for name, value in largest[:most])
+        rows.append([kind, shown + (f", {len(largest) - most} more" if len(largest) > most else "")])
+    return Table(title, ["by", "share of the squared misfit"], rows)
+
+
+def step_labels(story: Story) -> list[str]:
+    """Names of the steps: the model as declared, its uncertain values fitted, one per addition."""
+    labels = ["as declared"]
+    if story.fits:
+        labels += [*(["uncertain values"] if _has_uncertain(story) else []), *(f"+ {name}" for name in story.additions)]
+    return labels
+
+
+def steps(story: Story) -> list[tuple[Comparison, Fit | None]]:
+    """What stands behind each of `step_labels`."""
+    first = 0 if _has_uncertain(story) else 1
+    return [(story.declared, None), *zip(story.views[first:], story.fits[first:], strict=True)]
+
+
+def _has_uncertain(story: Story) -> bool:
+    return bool(story.fits) and any(e.entry.declared_uncertain for e in story.fits[0].estimates)
+
+
+def fall_table(story: Story) -> Table:
+    """The error as effects are added."""
+    rows = []
+    for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True):
+        held = number(fitted.held_out_rms / MICROMETRE) if fitted and fitted.held_out_rms is not None else "-"
+        chi2 = fitted.reduced_chi2 if fitted else view.reduced_chi2
+        state = "" if fitted is None or fitted.converged else "not converged"
+        rows.append([label, number(view.rms / MICROMETRE), held, number(chi2), state])
+    reason = story.fits[-1].held_out_reason if story.fits else ""
+    note = f"Nothing held out: {reason}." if reason else ""
+    return Table("The error as effects are added", ["step", "rms µm", "held out µm", "chi² / freedom", ""], rows, note)
+
+
+def parameter_table(fitted: Fit) -> Table:
+    """Fitted parameters with 95 % intervals, and what their prior was."""
+    rows = [_parameter_row(e, fitted.quantile) for e in fitted.estimates]
+    note = "In rig files and with --effect the same values are in SI, the unit at the end of the name."
+    return Table("Parameters (95 % intervals)", ["parameter", "value", "±", "unit", "prior ±", "remark"], rows, note)
+
+
+def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
+    entry, unit = estimate.entry, estimate.entry.unit
+    remarks = []
+    if not estimate.determined:
+        remarks.append("not determined by these data: the interval is the prior's")
+    if estimate.finding:
+        remarks.append(f"moved by {abs(estimate.pull):.1f} of its standard deviations: a finding")
+    elif entry.declared_uncertain:
+        remarks.append("declared uncertain")
+    value, error = estimate.value / unit.factor, quantile * estimate.standard_error / unit.factor
+    return [entry.key, number(value, 4), number(error, 2), unit.shown, number(NORMAL_QUANTILE * entry.scale / unit.factor, 2), "; ".join(remarks)]
+
+
+def findings(story: Story) -> list[str]:
+    """What else a user must know: ties, effects without use, combinations, scatter between runs, failures to converge."""
+    lines = []
+    if story.undriven:
+        names = ", ".join(f"{order:g}X" for order in story.undriven)
+        lines.append(f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without effects shows them.")
+    lines += objections(story.final_model)
+    lines += story.steadiness
+    for name in dict.fromkeys(story.additions):
+        lines += _rival_lines(name, [r for r in story.rivals if r.effect == name], story)
+    if tangled := story.correlated():
+        pairs = "; ".join(f"{first} with {second}" for first, second, _ in tangled)
+        lines.append(f"Fixed by these data in combination only (correlation above {CORRELATED:g}): {pairs}.")
+    if story.fits:
+        last = story.fits[-1]
+        chi2 = story.declared.reduced_chi2 if last.reduced_chi2 is None else last.reduced_chi2
+        if chi2 is not None and chi2 < SUSPICIOUS_CHI2:
+            lines.append(f"Reduced chi-square {number(chi2)}: sigma_um looks far too large, so that nothing can be told from noise.")
+        if last.misfit > 0.0 and len(story.measurement.runs) < FEW_RUNS and story.measurement.sigma is not None:
+            lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
+        if not last.converged:
+            lines.append(f"The fit has not settled: {last.result}.")
+        lines += [
+            f"{e.entry.key}, declared uncertain, had to move by {abs(e.pull):.1f} of its standard deviations: the declaration or something else is wrong."
+            for e in last.estimates
+            if e.finding
+        ]
+        if last.run_scatter != NO_SCATTER:
+            lines.append(_scatter_line(story))
+    return lines
+
+
+def objections(model: Model) -> list[str]:
+    """What speaks against the values of effects on this rotor, and what else is to be known about them."""
+    said = ((e.name, words) for e in model.effects for words in (e.objection(model.rotor), e.remark(model.rotor)))
+    return [f"{name} {words}." for name, words in said if words is not None]
+
+
+def _scatter_line(story: Story) -> str:
+    """How much unbalance and bow differ between runs beyond what was installed, and what they account for."""
+    scatter = story.fits[-1].run_scatter
+    share = scatter_share(story.measurement, story.fits[-1].model, story.last.residual, scatter)
+    sizes = [f"unbalance of {number(scatter.unbalance_kg_m / GRAM_MILLIMETRE)} g mm"] if scatter.unbalance_kg_m else []
+    sizes += [f"bow of {number(scatter.bow_m / MICROMETRE)} µm"] if scatter.bow_m else []
+    return (
+        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, told from what influence coefficients leave, "
+        f"accounts for {100.0 * share:.0f} % of the squared residual."
+    )
+
+
+def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
+    out = next((r for r in found if r.instead is None), None)
+    if out is not None and out.tied:
+        how = "as good" if out.loss > -TIE else "better"
+        return [f"{name} is not needed: without it the fit is {how} ({number(out.rms / MICROMETRE)} µm rms)."]
+    lines = []
+    for rival in found:
+        if rival.instead is not None and rival.tied:
+            lines.append(
+                f"{name} ties with {rival.instead}: with the latter instead the fit is as good ({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
+            )
+    return lines
+
+
+def _why(rival: Rival, story: Story) -> str:
+    if {rival.effect, rival.instead} == {"residual_unbalance", "residual_bow"} and story.model.slow_roll is not None:
+        return "; slow roll was subtracted, and with it what tells a bow from an unbalance"
+    return ""
+
+
+def comparison_text(story: Story) -> str:
+    """Everything that `rotorjax compare` prints."""
+    parts = [measurement_line(story.measurement), verdict(story)]
+    if story.fits:
+        parts += [table.text() for table in step_tables(story)]
+    parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
+    title = "Where it fails" if not story.fits else "Where it still fails"
+    parts += [worst_cells(story.last, title).text(), share_table(story.last, "Share of the misfit").text()]
+    return "\n\n".join(parts)
+
+
+def step_tables(story: Story) -> list[Table]:
+    """The fall of the error, and the parameters if any were fitted."""
+    return [fall_table(story), *([parameter_table(story.fits[-1])] if story.fits[-1].estimates else [])]
+
+
+def comparison_json(story: Story) -> dict[str, Any]:
+    """What ``compare --json`` writes: the model as it is at the end, what it was before, and every step."""
+    return {
+        "verdict": verdict(story),
+        **view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
+        "noise": "inferred" if story.measurement.noise != "given" else "given",
+        "before": view_json(story.declared, story.declared.reduced_chi2),
+        "steps": [step_json(label, view, fitted) for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True)],
+        "ties": [[[r.effect], [r.instead]] for r in story.rivals if r.tied and r.instead],
+        "not_needed": [r.effect for r in story.rivals if r.tied and r.instead is None],
+        "run_scatter": story.fits[-1].run_scatter.as_json() if story.fits and story.fits[-1].run_scatter != NO_SCATTER else None,
+        "findings": findings(story),
+    }
+
+
+def view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:
+    """Error, where it sits, and its shares."""
+    where = [
+        {
+            "run": c.run, "speed_rpm": c.speed_rpm, "probe": c.probe, "order": c.order, "residual_um": c.residual_um,
+            "standardised": c.standardised, "amplitude_ratio": c.amplitude_ratio, "phase_error_deg": c.phase_error_deg,
+        }
+        for c in view.where()
+    ]  # fmt: skip
+    return {"rms_um": view.rms / MICROMETRE, "reduced_chi2": chi2, "where": where, "share": view.share()}
+
+
+def step_json(label: str, view: Comparison, fitted: Fit | None) -> dict[str, Any]:
+    """Error and parameters at one step."""
+    parameters: dict[str, dict[str, Any]] = {}
+    for e in fitted.estimates if fitted else ():
+        inner = parameters.setdefault(e.entry.effect, {})
+        inner[e.entry.label] = {"value": e.value, "standard_error": e.standard_error, "determined": e.determined}
+    return {
+        "added": label.removeprefix("+ ") if label.startswith("+ ") else None,
+        "step": label,
+        "rms_um": view.rms / MICROMETRE,
+        "reduced_chi2": fitted.reduced_chi2 if fitted else view.reduced_chi2,
+        "held_out_rms_um": fitted.held_out_rms / MICROMETRE if fitted and fitted.held_out_rms is not None else None,
+        "held_out_reason": fitted.held_out_reason or None if fitted else "nothing was fitted",
+        "converged": fitted.converged if fitted else True,
+        "parameters": parameters,
+    }
+
+
+def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
+    """Unbalance and bow of every run, with standard errors."""
+    headers = ["run", "unbalance g mm", "± s.e.", "at °", "± s.e.", "bow mm", "± s.e.", "at °", "± s.e.", "told apart", "as unbalance alone g mm"]
+    found = [*diagnosis.runs, *([diagnosis.inherent] if diagnosis.inherent else [])]
+    rows = []
+    for run in found:
+        alone = run.unbalance_alone
+        together = "-" if alone is None else f"{number(alone.magnitude * 1e6)} at {convention.angle_deg(alone.pair):.0f}°"
+        cells = [*_fault_cells(run.unbalance, 1e6, convention), *_fault_cells(run.bow, 1e3, convention)]
+        rows.append([run.run, *cells, "yes" if run.identifiable else "no", together])
+    reasons: dict[str, list[str]] = {}
+    for run in found:
+        if run.reason:
+            reasons.setdefault(run.reason, []).append(run.run)
+    lines = [f"Not told apart in {_listed(runs)}: {reason}." for reason, runs in reasons.items()]
+    note = "\n".join(lines)
+    return Table("Unbalance and bow", headers, rows, note)
+
+
+def _listed(runs: list[str], most: int = 6) -> str:
+    return ", ".join(runs[:most]) + (f" and {len(runs) - most} more" if len(runs) > most else "")
+
+
+def _fault_cells(fault: Fault | None, factor: float, convention: Convention) -> list[str]:
+    if fault is None:
+        return ["-"] * 4
+    error = fault.standard_error
+    return [
+        number(fault.magnitude * factor),
+        number(None if error is None else error * factor, 2),
+        f"{convention.angle_deg(fault.pair):.1f}",
+        number(fault.angle_standard_error_deg, 2),
+    ]
+
+
+def diagnosis_json(diagnosis: Diagnosis, convention: Convention) -> dict[str, Any]:
+    """What ``diagnose --json`` writes."""
+
+    def fault(found: Fault | None, factor: float) -> dict[str, float | None]:
+        if found is None:
+            return {"value": None, "angle_deg": None, "standard_error": None, "angle_standard_error_deg": None}
+        error = found.standard_error
+        return {
+            "value": found.magnitude * factor,
+            "angle_deg": convention.angle_deg(found.pair),
+            "standard_error": None if error is None else error * factor,
+            "angle_standard_error_deg": found.angle_standard_error_deg,
+        }
+
+    def run(found: RunDiagnosis) -> dict[str, Any]:
+        return {
+            "unbalance_g_mm": fault(found.unbalance, 1e6),
+            "bow_mm": fault(found.bow, 1e3),
+            "identifiable": found.identifiable,
+            "reason": found.reason,
+            "reduced_chi2": found.reduced_chi2,
+            "unbalance_alone_g_mm": fault(found.unbalance_alone, 1e6),
+        }
+
+    return {"runs": {r.run: run(r) for r in diagnosis.runs}, "inherent": run(diagnosis.inherent) if diagnosis.inherent else None}
+
+
+class Picture(NamedTuple):
+    """A figure for the report: caption and SVG as a data address."""
+
+    caption: str
+    source: str
+
+    @classmethod
+    def of(cls, caption: str, svg: bytes) -> "Picture":
+        """From an SVG file's content."""
+        return cls(caption, "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii"))
+
+
+class Page(NamedTuple):
+    """What a report shows, from top to bottom."""
+
+    title: str
+    verdict: str
+    measurement: str
+    findings: list[str]
+    tables: list[Table]
+    pictures: list[Picture]
+    where: list[Table]
+    cost: str = ""
+    """The last line: what it took."""
+
+
+def comparison_page(story: Story, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:
+    """The report of `compare`. **Arguments:** ``pictures``: pairs of caption and SVG."""
+    shares = share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit")
+    where = [worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else [])
+    drawn = [Picture.of(caption, svg) for caption, svg in pictures]
+    return Page(title, verdict(story), measurement_line(story.measurement), findings(story), step_tables(story) if story.fits else [], drawn, [*where, shares])
+
+
+def html_report(page: Page) -> str:
+    """A report as one HTML file that needs no network. All text is escaped."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.tests["numeric"] = is_number
+    template = environment.from_string(files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8"))
+    return template.render(page._asdict())

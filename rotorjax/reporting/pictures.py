@@ -1,0 +1,134 @@
+"""The pictures of a comparison: which views to draw, from which runs; the drawing itself is in `plots`."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.named_force import NamedForce
+from rotorjax.discovery.story import Story
+from rotorjax.model.conditions import Conditions
+from rotorjax.physics.response import response
+from rotorjax.reporting import plots
+from rotorjax.reporting.comparison import step_labels, steps
+from rotorjax.units import MICROMETRE
+
+CURVE_POINTS = 241
+MOST_RUNS = 4
+"""Runs in one Bode plot: more cannot be told apart."""
+
+
+def story_pictures(story: Story) -> list[tuple[str, bytes]]:
+    """Caption and SVG of every view: the fall of the error, Bode, polar, map of residuals."""
+    figures = []
+    if story.changed:
+        figures.append(("The error step by step as effects were added.", _fall(story)))
+    subject = "the model with what was added" if story.changed else "the model"
+    figures.append((f"Amplitude and phase over speed: measured (markers) over {subject} (lines).", _bode(story)))
+    figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
+    figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.changed else "") + "; grey: not measured.", _maps(story)))
+    return [(caption, plots.svg(drawn)) for caption, drawn in figures]
+
+
+def explanation_pictures(found: Explanation) -> list[tuple[str, bytes]]:
+    """The same, and the force that is missing, where it was shown."""
+    pictures = story_pictures(found.story)
+    named = found.named_force
+    if named is not None and named.force.reason is None:
+        beside = f"the model with {' and '.join(named.beside)}" if named.beside else "the model as declared"
+        caption = f"The force that acts on the rotor beside {beside}, from the measured orders, with a band of one standard error."
+        pictures.insert(0, (caption, plots.svg(_missing_force(named))))
+    return pictures
+
+
+def _missing_force(named: NamedForce) -> Figure:
+    drawn, axes = plots.figure(12.0, 6.4, 2, 3)
+    for dof in (0, 1):
+        for k, over in enumerate(("displacement", "velocity", "angle")):
+            plots.missing_force(axes[3 * dof + k], named.force, over=over, dof=dof, legend=dof == 0 and k == 0)  # pyright: ignore
+    return drawn
+
+
+def headline_figure(story: Story) -> Figure:
+    """The story in one picture: every vector of the last probe read before and after, and the fall of the error between."""
+    m = story.measurement
+    drawn, (before, fall, after) = plots.figure(15.0, 4.4, 1, 3)
+    probe, order = m.probes_read[-1], m.orders[0]
+    plots.polar(before, story.declared, probe=probe, order=order).set_title("as declared")
+    _draw_fall(fall, story, short=True)
+    plots.polar(after, story.last, probe=probe, order=order).set_title("with what was added")
+    before.legend(fontsize=8)
+    return drawn
+
+
+def _fall(story: Story) -> Figure:
+    drawn, (axes,) = plots.figure(9.2, 3.4)
+    _draw_fall(axes, story)
+    return drawn
+
+
+def _draw_fall(axes: Axes, story: Story, *, short: bool = False) -> None:
+    rows = steps(story)
+    labels = [label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)]
+    if short:
+        labels = [label.replace("_", "\n") for label in labels]
+    held = [f.held_out_rms / MICROMETRE if f and f.held_out_rms is not None else None for _, f in rows]
+    plots.error_fall(axes, labels, [view.rms / MICROMETRE for view, _ in rows], held, noise_um=story.noise_um())
+
+
+def shown_runs(view: Comparison) -> list[str]:
+    """Runs for a Bode plot, spread from the least to the largest measured vibration."""
+    m = view.measurement
+    sizes = [float(np.sqrt(np.mean(np.abs(m.vectors[m.run == k][m.present[m.run == k]]) ** 2))) for k in range(len(m.runs))]
+    ranked = np.argsort(sizes)
+    picked = np.unique(np.linspace(0, len(ranked) - 1, min(MOST_RUNS, len(ranked))).round().astype(int))
+    return [m.runs[k] for k in ranked[picked][::-1]]
+
+
+def _bode(story: Story) -> Figure:
+    view, m = story.last, story.measurement
+    runs = shown_runs(view)
+    low, high = float(m.speed_rpm.min()), float(m.speed_rpm.max())
+    margin = 0.08 * high if high - low < 0.02 * high else 0.15 * (high - low)
+    speeds = np.linspace(max(low - margin, 0.02 * low), high + margin, CURVE_POINTS)
+    model = story.final_model.with_orders(m.orders)
+    curves = {}
+    for run in runs:
+        case = int(np.argmax(m.run == m.runs.index(run)))
+        conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
+        curves[run] = np.asarray(response(model, conditions))
+    order = 1.0 if 1.0 in m.orders else m.orders[0]
+    count = len(m.probes_read)
+    drawn, axes = plots.figure(4.6 * max(count, 2), 5.4, 2, count)
+    for k, probe in enumerate(m.probes_read):
+        amplitude, phase = axes[k], axes[count + k]
+        lines = {run: curve[:, m.probes.index(probe), m.orders.index(order)] for run, curve in curves.items()}
+        plots.bode(amplitude, phase, view, runs, probe=probe, order=order, speeds_rpm=speeds, curves=lines)
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=len(runs), fontsize=8)
+    return drawn
+
+
+def _polar(story: Story) -> Figure:
+    m = story.measurement
+    order = 1.0 if 1.0 in m.orders else m.orders[0]
+    count = len(m.probes_read)
+    drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
+    for each, probe in zip(axes, m.probes_read, strict=True):
+        plots.polar(each, story.last, probe=probe, order=order)
+    axes[0].legend(fontsize=8)
+    return drawn
+
+
+def _maps(story: Story) -> Figure:
+    views = [("as declared", story.declared), *([("with what was added", story.last)] if story.changed else [])]
+    height = max(2.6, 0.6 + 0.2 * len(story.measurement.runs))
+    drawn, axes = plots.figure(10.0, height, 1, len(views))
+    sizes = np.concatenate([np.abs(v.residual[v.present]) for _, v in views]) / MICROMETRE
+    positive = sizes[sizes > 0.0]
+    limits = (float(np.quantile(positive, 0.05)), float(positive.max()) * 1.0001) if len(positive) else None
+    for each, (title, view) in zip(axes, views, strict=True):
+        plots.residual_map(each, view, limits_um=limits)
+        each.set_title(title, fontsize=10)
+    return drawn

@@ -1,0 +1,249 @@
+"""Pictures: every function draws on the axes it is given and returns them. Amplitudes in µm, speeds in rpm."""
+
+import io
+import warnings
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.missing_force import MissingForce
+from rotorjax.physics.harmonic_balance import SAMPLES
+from rotorjax.units import MICROMETRE
+
+COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
+"""Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
+
+
+def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure with its axes, row by row, laid out so that labels do not overlap. Sizes in inches."""
+    drawn = Figure(figsize=(width, height), layout="constrained")
+    return drawn, list(drawn.subplots(rows, columns, squeeze=False).ravel())
+
+
+def svg(drawn: Figure) -> bytes:
+    """A figure as SVG whose text stays text: the browser has glyphs that the drawing library's font lacks."""
+    buffer = io.BytesIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "rotorjax"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+def bode(
+    amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float, speeds_rpm: Float[np.ndarray, "speed"],
+    curves: dict[str, Complex[np.ndarray, "speed"]],
+) -> tuple[Axes, Axes]:  # fmt: skip
+    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run, the later ones smaller so that
+    runs lying on one another are all seen.
+
+    **Arguments:** ``curves``: the model's vectors [m] of this probe and order at ``speeds_rpm``, by run.
+    """
+    m = view.measurement
+    k, n = m.probes.index(probe), m.orders.index(order)
+    drawn = list(zip(COLOURS, runs, strict=False))
+    for below, (colour, run) in zip(reversed(range(len(drawn))), drawn, strict=True):
+        marker = {"color": colour, "markersize": 5.0 + 1.8 * below}
+        line = {"color": colour, "linewidth": 1.2 + 0.9 * below}
+        cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
+        z = view.measured[cases, k, n] / MICROMETRE
+        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", label=f"{run} measured", **marker)
+        phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", **marker)
+        curve = curves[run] / MICROMETRE
+        curve = np.where(curve == 0.0, np.nan, curve)  # what is not driven has no phase
+        amplitude.plot(speeds_rpm, np.abs(curve), "-", label=f"{run} model", **line)
+        angle = np.degrees(np.angle(curve))
+        angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan
+        phase.plot(speeds_rpm, angle, "-", **line)
+    amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)", ylim=(0.0, None))
+    phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm", ylim=(-185, 185), yticks=[-180, -90, 0, 90, 180])
+    for axes in (amplitude, phase):
+        axes.grid(alpha=0.3)
+    return amplitude, phase
+
+
+def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
+    """Measured vectors in the complex plane as markers, each with a line to where the model puts it."""
+    m = view.measurement
+    k, n = m.probes.index(probe), m.orders.index(order)
+    cases = m.present[:, k, n]
+    z, model = view.measured[cases, k, n] / MICROMETRE, view.predicted[cases, k, n] / MICROMETRE
+    axes.plot(np.stack([z.real, model.real]), np.stack([z.imag, model.imag]), "-", color="0.6", linewidth=0.8, zorder=1)
+    axes.plot(model.real, model.imag, "x", color=COLOURS[1], markersize=5, label="model", zorder=2)
+    axes.plot(z.real, z.imag, "o", color=COLOURS[0], markersize=4, label="measured", zorder=3)
+    axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.set(xlabel=f"{probe} {order:g}X in phase, µm", ylabel="90° ahead, µm")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.locator_params(axis="x", nbins=5)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float] | None = None) -> Axes:
+    """|residual| [µm] as a map: runs down, speed and probe across; grey where nothing was measured."""
+    m = view.measurement
+    cluster, speeds = m.speed_cluster()
+    columns = [(s, k, n) for n in range(len(m.orders)) for s in range(len(speeds)) for k, probe in enumerate(m.probes) if probe in m.probes_read]
+    grid = np.full((len(m.runs), len(columns)), np.nan)
+    for j, (s, k, n) in enumerate(columns):
+        for run in range(len(m.runs)):
+            cases = (cluster == s) & (m.run == run) & m.present[:, k, n]
+            if cases.any():
+                grid[run, j] = np.sqrt(np.mean(np.abs(view.residual[cases, k, n]) ** 2)) / MICROMETRE
+    low, high = limits_um or _positive_range(grid)
+    image = axes.imshow(np.maximum(grid, low), aspect="auto", cmap="YlOrRd", norm=LogNorm(low, high), interpolation="none")
+    axes.set_facecolor("0.85")
+    several = len(m.orders) > 1
+    labels = [f"{m.probes[k]} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns]
+    step = max(1, len(columns) // 24)
+    axes.set_xticks(range(0, len(columns), step), labels[::step], rotation=90 if len(columns) > 6 else 0, fontsize=7)
+    step = max(1, len(m.runs) // 30)
+    axes.set_yticks(range(0, len(m.runs), step), m.runs[::step], fontsize=7)
+    axes.set(xlabel="probe and speed, rpm")
+    if axes.figure is not None:
+        axes.figure.colorbar(image, ax=axes, label="|residual|, µm")
+    return axes
+
+
+def _positive_range(grid: np.ndarray) -> tuple[float, float]:
+    seen = grid[np.isfinite(grid) & (grid > 0.0)]
+    if not len(seen):
+        return 1e-3, 1.0
+    low, high = float(seen.min()), float(seen.max())
+    return (low, high) if high > 1.01 * low else (0.5 * low, 2.0 * low)
+
+
+def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None) -> Axes:
+    """The error step by step as effects were added, with the error on held-out data and the level of the noise."""
+    at = np.arange(len(labels))
+    axes.bar(at, rms_um, width=0.6, color=COLOURS[0], label="all data")
+    held = [(x, h) for x, h in zip(at, held_out_um, strict=True) if h is not None]
+    if held:
+        axes.plot(*zip(*held, strict=True), "D", color=COLOURS[1], markersize=7, label="held out")
+    if noise_um is not None:
+        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise of the table")
+    for x, value in zip(at, rms_um, strict=True):
+        axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(0, -14), ha="center", fontsize=8, color="white")
+    axes.set_yscale("log")
+    floor = float(np.min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])]))
+    axes.set_ylim(max(floor, 1e-9) / 2.0, max(1e-9, *rms_um) * 3.0)
+    axes.set_xticks(at, labels, fontsize=8)
+    axes.set(ylabel="rms |residual|, µm")
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(axis="y", alpha=0.3)
+    return axes
+
+
+def error_cloud(axes: Axes, errors: Float[np.ndarray, "sample"], *, label: str, rms: float) -> Axes:
+    """Errors of one fault component case by case, with their root mean square as a band."""
+    axes.plot(np.arange(1, len(errors) + 1), errors, ".", color=COLOURS[0], markersize=2.0, rasterized=True)
+    axes.axhspan(-rms, rms, color=COLOURS[1], alpha=0.2, label=f"± rms, {rms:.2g}")
+    axes.set(xlabel="test case", ylabel=label, xlim=(0, len(errors) + 1))
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def waveform(axes: Axes, time: Float[np.ndarray, "sample"], displacement: Float[np.ndarray, "sample probe"], pulses: Float[np.ndarray, "_"]) -> Axes:
+    """Displacement of two probes over time, phase-reference pulses as vertical lines. In s and m."""
+    for k, name in enumerate("XY"):
+        axes.plot(1e3 * time, displacement[:, k] / MICROMETRE, "-", color=COLOURS[k], linewidth=1.0, label=name)
+    shown = pulses[(pulses >= time[0]) & (pulses <= time[-1])]
+    for k, pulse in enumerate(shown):
+        axes.axvline(1e3 * pulse, color="0.4", linestyle="--", linewidth=0.9, label="phase reference" if k == 0 else None)
+    axes.set(xlabel="time, ms", ylabel="displacement, µm", ylim=_with_room(displacement / MICROMETRE))
+    axes.legend(fontsize=8, loc="upper center", ncols=3)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def _with_room(values: np.ndarray) -> tuple[float, float]:
+    """Limits that leave room for a legend above."""
+    low, high = float(np.min(values)), float(np.max(values))
+    return low - 0.08 * (high - low), high + 0.25 * (high - low)
+
+
+def phase_picture(axes: Axes, angle_deg: Float[np.ndarray, "_"], mean: Float[np.ndarray, "_ probe"], scatter: Float[np.ndarray, "_ probe"]) -> Axes:
+    """Mean displacement over one revolution from pulse to pulse, with its scatter; each probe's peak marked."""
+    for k, name in enumerate("XY"):
+        m, s = mean[:, k] / MICROMETRE, scatter[:, k] / MICROMETRE
+        peak = angle_deg[int(np.argmax(m))]
+        axes.plot(angle_deg, m, "-", color=COLOURS[k], label=f"{name}, peak at {peak:.0f}°")
+        axes.fill_between(angle_deg, m - s, m + s, color=COLOURS[k], alpha=0.25, linewidth=0.0)
+        axes.axvline(peak, color=COLOURS[k], linestyle=":", linewidth=1.0)
+    axes.set(
+        xlabel="shaft angle after the phase reference, degrees",
+        ylabel="displacement, µm",
+        xlim=(0, 360),
+        xticks=range(0, 361, 45),
+        ylim=_with_room(mean / MICROMETRE),
+    )
+    axes.legend(fontsize=8, loc="upper center", ncols=2)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def convergence(axes: Axes, histories: dict[str, Float[np.ndarray, "step"]], *, tolerance: float) -> Axes:
+    """Largest relative error after every step, one line per method, on a logarithmic scale."""
+    for colour, (name, errors) in zip(COLOURS, histories.items(), strict=False):
+        axes.semilogy(np.arange(len(errors)), np.maximum(errors, 1e-16), "o-", color=colour, markersize=3.5, linewidth=1.1, label=name)
+    axes.axhline(tolerance, color="0.3", linestyle="--", linewidth=1.0, label=f"tolerance, {100.0 * tolerance:g} %")
+    axes.set(xlabel="step", ylabel="largest relative error of the four fault values")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def grouped_bars(axes: Axes, groups: list[str], series: dict[str, list[float]], *, ylabel: str) -> Axes:
+    """Bars side by side: one group per place, one colour per series, values on top."""
+    width = 0.8 / len(series)
+    at = np.arange(len(groups))
+    for k, (name, values) in enumerate(series.items()):
+        bars = axes.bar(at + (k - 0.5 * (len(series) - 1)) * width, values, width=0.92 * width, label=name, color=_SERIES[k % len(_SERIES)])
+        axes.bar_label(bars, fmt=lambda v: f"{v:.1f}", fontsize=7, padding=1)
+    axes.set_xticks(at, groups)
+    axes.set(ylabel=ylabel)
+    axes.margins(y=0.12)
+    axes.legend(fontsize=8)
+    axes.grid(axis="y", alpha=0.3)
+    return axes
+
+
+_SERIES = ("#9aa5b1", "#8fb8de", "#1b5e9c", "#f0a868", "#c8500a", "#2e7d4f")
+"""Fills for bars: grey for nothing done, then pairs of light and dark."""
+
+
+def missing_force(axes: Axes, found: MissingForce, *, over: Literal["displacement", "velocity", "angle"], dof: int, most: int = 4, legend: bool = True) -> Axes:
+    """The force along x (0) or y (1) that the model lacks [N], over displacement, velocity or shaft angle, with a band of one standard error.
+
+    The ``most`` cases with the largest force beyond noise, one colour each; force along x and y to the same scale. No curves where nothing can be said.
+    """
+    m, name = found.measurement, "xy"[dof]
+    waves, label = {
+        "displacement": (found.displacement / MICROMETRE, f"displacement {name}, µm"),
+        "velocity": (1e3 * found.velocity, f"velocity {name}, mm/s"),
+        "angle": (np.broadcast_to(np.degrees(found.angle)[None, None], found.force.shape), "shaft angle after the phase reference, deg"),
+    }[over]
+    largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
+    for colour, case in zip(COLOURS, sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
+        at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
+        if over == "angle":
+            at[-1] = at[-2] + at[1] - at[0]
+        axes.plot(at, force, "-", color=colour, linewidth=1.2, label=f"{m.runs[m.run[case]]}, {m.speed_rpm[case]:.0f} rpm")
+        axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
+    axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.set(xlabel=label, ylabel=f"force missing along {name}, N")
+    if over == "angle":
+        axes.set(xlim=(0.0, 360.0 * len(found.angle) / SAMPLES), xticks=np.arange(0, 361, 90) * len(found.angle) // SAMPLES)
+    if largest:
+        axes.set_ylim(_with_room(found.force[largest]))
+    if largest and legend:
+        axes.legend(fontsize=7, loc="upper center", ncols=2)
+    axes.grid(alpha=0.3)
+    return axes
