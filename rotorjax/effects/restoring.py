@@ -224,7 +224,6 @@ class ProbeSaturation(WaveformEffect):
     inverse_limit_per_m: Array = parameter("one over the limit h", scale=0.1, of="curvature")
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"inverse_limit_per_m": share} for share in (0.25, 0.5, 1.0))
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_limit_per_m",)
-    even: ClassVar[tuple[str, ...]] = ("inverse_limit_per_m",)
 
     def distorted(self, waveform: Array) -> Array:
         bent = self.inverse_limit_per_m * waveform

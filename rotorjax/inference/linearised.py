@@ -174,7 +174,7 @@ class Linearisation:
 
     def __init__(self, space: Space, data: Data, budget: Budget) -> None:
         self.space, self.data, self.budget = space, data, budget
-        self.kernels, self.even = kernels_of(space), space.even()
+        self.kernels = kernels_of(space)
         model = space.model
         self.states = States.of(data, None if model.slow_roll is None else float(model.slow_roll))
         order = np.concatenate([[0.0], np.repeat(self.kernels.grid.order_array[1:], 2)])

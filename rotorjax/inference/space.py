@@ -115,13 +115,6 @@ class Space(eqx.Module):
         mask[[e.unknown for e in self.entries if e.effect in names]] = True
         return mask
 
-    def even(self) -> Bool[np.ndarray, "param"]:
-        """Unknowns of which only the square counts."""
-        squared = {(e.name, name) for e in self.model.effects for name in type(e).even}
-        mask = np.zeros(len(self.entries), dtype=bool)
-        mask[[e.unknown for e in self.entries if (e.effect, e.parameter) in squared and not e.declared_uncertain]] = True
-        return mask
-
     def effects_of(self, mask: Bool[np.ndarray, "param"]) -> set[str]:
         """Names of the effects that these unknowns belong to."""
         return {e.effect for e in self.entries if mask[e.unknown]}

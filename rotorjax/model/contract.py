@@ -196,8 +196,6 @@ class Effect(eqx.Module):
     """Starting points of a fit, in prior scales; a parameter that is not named starts at its null."""
     over_amplitude: ClassVar[tuple[str, ...]] = ()
     """Parameters whose starts are in units of one over the largest displacement measured, instead of prior scales."""
-    even: ClassVar[tuple[str, ...]] = ()
-    """Parameters of which only the square counts."""
     sufficient: ClassVar[Plan] = Plan()
     """A measurement that is enough to find it, or what it ties with."""
     relatives: ClassVar[tuple[str, ...]] = ()
