@@ -18,7 +18,7 @@ from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
     from rotorjax.data.measurement import Measurement
-    from rotorjax.data.rig import Rig
+    from rotorjax.data.rig import Convention, Rig
     from rotorjax.discovery.explain import Explanation
     from rotorjax.discovery.story import Story
     from rotorjax.model.contract import Effect
@@ -196,22 +196,23 @@ def _write_outputs(options: argparse.Namespace, rig: "Rig", model: "Model", cont
     if options.json:
         _write_json(options.json, content)
     if options.report:
-        write_report(options.report, result, title=title)
+        write_report(options.report, result, title=title, convention=rig.convention)
         print(f"\nReport: {options.report}")
 
 
-def write_report(path: Path, result: "Story | Explanation", *, title: str) -> None:
+def write_report(path: Path, result: "Story | Explanation", *, title: str, convention: "Convention | None" = None) -> None:
     """Write the HTML report of a comparison or of an explanation."""
     from rotorjax.data.files import write_whole
     from rotorjax.discovery.story import Story
-    from rotorjax.reporting.comparison import comparison_page, html_report
+    from rotorjax.reporting.comparison import comparison_page
     from rotorjax.reporting.explanation import explanation_page
-    from rotorjax.reporting.pictures import explanation_pictures, story_pictures
+    from rotorjax.reporting.page import html_report
+    from rotorjax.reporting.pictures import explanation_pictures, first_pictures, story_pictures
 
     if isinstance(result, Story):
-        page = comparison_page(result, title=title, pictures=story_pictures(result))
+        page = comparison_page(result, title=title, pictures=story_pictures(result), first=first_pictures(result), convention=convention)
     else:
-        page = explanation_page(result, title=title, pictures=explanation_pictures(result))
+        page = explanation_page(result, title=title, pictures=explanation_pictures(result), first=first_pictures(result.story), convention=convention)
     write_whole(path, html_report(page))
 
 
@@ -366,7 +367,8 @@ def _diagnose(options: argparse.Namespace) -> None:
     _check_outputs(options)
     _compute()
     from rotorjax.diagnosis.inverse import diagnose
-    from rotorjax.reporting.comparison import diagnosis_json, diagnosis_table, measurement_line
+    from rotorjax.reporting.comparison import measurement_line
+    from rotorjax.reporting.diagnosis import diagnosis_json, diagnosis_table
 
     rig, measurement = _read(options)
     try:

@@ -1,23 +1,21 @@
 """What people read: tables, the verdict in a sentence, JSON, and the HTML report. Engineering units from here on."""
 
-import base64
 import math
-from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Any
 
-import jinja2
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Convention
-from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
 from rotorjax.discovery.compare import Cell, Comparison
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
 from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.model.model import Model
-from rotorjax.reporting.tables import Table, is_number, number
+from rotorjax.reporting.page import Headline, Page, Picture
+from rotorjax.reporting.sizes import Size, sizes
+from rotorjax.reporting.tables import Table, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 WORST = 8
@@ -297,105 +295,21 @@ def step_json(label: str, view: Comparison, fitted: Fit | None) -> dict[str, Any
     }
 
 
-def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
-    """Unbalance and bow of every run, with standard errors."""
-    headers = ["run", "unbalance g mm", "± s.e.", "at °", "± s.e.", "bow mm", "± s.e.", "at °", "± s.e.", "told apart", "as unbalance alone g mm"]
-    found = [*diagnosis.runs, *([diagnosis.inherent] if diagnosis.inherent else [])]
-    rows = []
-    for run in found:
-        alone = run.unbalance_alone
-        together = "-" if alone is None else f"{number(alone.magnitude * 1e6)} at {convention.angle_deg(alone.pair):.0f}°"
-        cells = [*_fault_cells(run.unbalance, 1e6, convention), *_fault_cells(run.bow, 1e3, convention)]
-        rows.append([run.run, *cells, "yes" if run.identifiable else "no", together])
-    reasons: dict[str, list[str]] = {}
-    for run in found:
-        if run.reason:
-            reasons.setdefault(run.reason, []).append(run.run)
-    lines = [f"Not told apart in {_listed(runs)}: {reason}." for reason, runs in reasons.items()]
-    note = "\n".join(lines)
-    return Table("Unbalance and bow", headers, rows, note)
+def sizes_by_effect(fitted: Fit, names: tuple[str, ...], convention: Convention | None) -> list[tuple[str, str, list[Size]]]:
+    """Name, meaning and sizes of some effects of a fit."""
+    every = sizes(fitted, names, convention)
+    present = {effect.name: type(effect) for effect in fitted.model.effects}
+    return [(name, present[name].meaning if name in present else "", [size for size in every if size.effect == name]) for name in names]
 
 
-def _listed(runs: list[str], most: int = 6) -> str:
-    return ", ".join(runs[:most]) + (f" and {len(runs) - most} more" if len(runs) > most else "")
-
-
-def _fault_cells(fault: Fault | None, factor: float, convention: Convention) -> list[str]:
-    if fault is None:
-        return ["-"] * 4
-    error = fault.standard_error
-    return [
-        number(fault.magnitude * factor),
-        number(None if error is None else error * factor, 2),
-        f"{convention.angle_deg(fault.pair):.1f}",
-        number(fault.angle_standard_error_deg, 2),
-    ]
-
-
-def diagnosis_json(diagnosis: Diagnosis, convention: Convention) -> dict[str, Any]:
-    """What ``diagnose --json`` writes."""
-
-    def fault(found: Fault | None, factor: float) -> dict[str, float | None]:
-        if found is None:
-            return {"value": None, "angle_deg": None, "standard_error": None, "angle_standard_error_deg": None}
-        error = found.standard_error
-        return {
-            "value": found.magnitude * factor,
-            "angle_deg": convention.angle_deg(found.pair),
-            "standard_error": None if error is None else error * factor,
-            "angle_standard_error_deg": found.angle_standard_error_deg,
-        }
-
-    def run(found: RunDiagnosis) -> dict[str, Any]:
-        return {
-            "unbalance_g_mm": fault(found.unbalance, 1e6),
-            "bow_mm": fault(found.bow, 1e3),
-            "identifiable": found.identifiable,
-            "reason": found.reason,
-            "reduced_chi2": found.reduced_chi2,
-            "unbalance_alone_g_mm": fault(found.unbalance_alone, 1e6),
-        }
-
-    return {"runs": {r.run: run(r) for r in diagnosis.runs}, "inherent": run(diagnosis.inherent) if diagnosis.inherent else None}
-
-
-class Picture(NamedTuple):
-    """A figure for the report: caption and SVG as a data address."""
-
-    caption: str
-    source: str
-
-    @classmethod
-    def of(cls, caption: str, svg: bytes) -> "Picture":
-        """From an SVG file's content."""
-        return cls(caption, "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii"))
-
-
-class Page(NamedTuple):
-    """What a report shows, from top to bottom."""
-
-    title: str
-    verdict: str
-    measurement: str
-    findings: list[str]
-    tables: list[Table]
-    pictures: list[Picture]
-    where: list[Table]
-    cost: str = ""
-    """The last line: what it took."""
-
-
-def comparison_page(story: Story, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:
-    """The report of `compare`. **Arguments:** ``pictures``: pairs of caption and SVG."""
+def comparison_page(
+    story: Story, *, title: str, pictures: list[tuple[str, bytes]], first: list[tuple[str, bytes]] | None = None, convention: Convention | None = None
+) -> Page:
+    """The report of `compare`. **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling."""
     shares = share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit")
     where = [worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else [])
-    drawn = [Picture.of(caption, svg) for caption, svg in pictures]
-    return Page(title, verdict(story), measurement_line(story.measurement), findings(story), step_tables(story) if story.fits else [], drawn, [*where, shares])
-
-
-def html_report(page: Page) -> str:
-    """A report as one HTML file that needs no network. All text is escaped."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.tests["numeric"] = is_number
-    template = environment.from_string(files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8"))
-    return template.render(page._asdict())
+    names = tuple(dict.fromkeys(story.additions))
+    found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
+    headline = Headline("compared", verdict(story), "", found, [], Picture.every(first or []))
+    tables = step_tables(story) if story.fits else []
+    return Page(title, headline, "", measurement_line(story.measurement), findings(story), tables, Picture.every(pictures), [*where, shares])

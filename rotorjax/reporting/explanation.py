@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from rotorjax.data.rig import Convention
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.named_force import NamedForce
@@ -11,7 +12,8 @@ from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
-from rotorjax.reporting.comparison import Page, Picture, findings, measurement_line, share_table, step_json, step_tables, view_json, worst_cells
+from rotorjax.reporting.comparison import findings, measurement_line, share_table, sizes_by_effect, step_json, step_tables, view_json, worst_cells
+from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import MICROMETRE, unit_of
 
@@ -34,14 +36,10 @@ def listed(names: tuple[str, ...] | list[str]) -> str:
 
 def sentence(found: Explanation) -> str:
     """The answer in a few sentences."""
-    story = found.story
-    before = story.declared.rms / MICROMETRE
-    size = story.measurement.rms / MICROMETRE
-    share = f", {number(100.0 * before / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
-    first = f"The model as declared misses by {number(before)} µm rms{share}."
+    first = _misses(found)
     parts = {
         "nothing missing": [_nothing(found), first],
-        "explained": [f"Missing: {listed(found.effects)}.", first, _fall(found)],
+        "explained": [_missing(found), first, _fall(found)],
         "undecided": [_undecided(found), first, _fall(found) if found.effects else ""],
         "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
     }[found.verdict]
@@ -52,6 +50,17 @@ def sentence(found: Explanation) -> str:
     else:
         parts = [*parts, *_ties(found), _left(found), *named]
     return " ".join(part for part in parts if part)
+
+
+def _misses(found: Explanation) -> str:
+    """How far the model as declared is off."""
+    before, size = found.story.declared.rms / MICROMETRE, found.story.measurement.rms / MICROMETRE
+    share = f", {number(100.0 * before / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
+    return f"The model as declared misses by {number(before)} µm rms{share}."
+
+
+def _missing(found: Explanation) -> str:
+    return f"Missing: {listed(found.effects)}."
 
 
 def _nothing(found: Explanation) -> str:
@@ -320,15 +329,26 @@ def explanation_text(found: Explanation) -> str:
     return "\n\n".join(parts)
 
 
-def explanation_page(found: Explanation, *, title: str, pictures: list[tuple[str, bytes]]) -> Page:
-    """The report of `explain`. **Arguments:** ``pictures``: pairs of caption and SVG."""
+def explanation_page(
+    found: Explanation, *, title: str, pictures: list[tuple[str, bytes]], first: list[tuple[str, bytes]] | None = None, convention: Convention | None = None
+) -> Page:
+    """The report of `explain`. **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling."""
     story = found.story
     where = [worst_cells(story.declared, "Where the model as declared fails")]
     where += [worst_cells(story.last, "Where it fails with what was added")] if story.changed else []
-    drawn = [Picture.of(caption, svg) for caption, svg in pictures]
-    tables = explanation_tables(found)
     where.append(share_table(story.last, "Share of what is left"))
-    return Page(title, sentence(found), measurement_line(story.measurement), notes(found), tables, drawn, where, cost_line(found))
+    said, drawn = notes(found), Picture.every(pictures)
+    top, tables = headline(found, first or [], convention), explanation_tables(found)
+    return Page(title, top, sentence(found), measurement_line(story.measurement), said, tables, drawn, where, cost_line(found))
+
+
+def headline(found: Explanation, pictures: list[tuple[str, bytes]], convention: Convention | None = None) -> Headline:
+    """What is seen without scrolling."""
+    told = {"nothing missing": _nothing, "explained": _missing, "undecided": _undecided, "unexplained": _unexplained}[found.verdict](found)
+    effects = sizes_by_effect(found.story.fits[-1], found.effects, convention)
+    lines = [*_ties(found), *(line for line in notes(found) if line.startswith(("Measure next", "No reading within")))]
+    fall = " ".join(filter(None, (_misses(found), _fall(found) if found.effects else "", _left(found))))
+    return Headline(found.verdict, told, fall, effects, lines, Picture.every(pictures))
 
 
 def explanation_json(found: Explanation) -> dict[str, Any]:

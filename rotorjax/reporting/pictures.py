@@ -1,14 +1,17 @@
 """The pictures of a comparison: which views to draw, from which runs; the drawing itself is in `plots`."""
 
 import numpy as np
+from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.story import Story
 from rotorjax.model.conditions import Conditions
+from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.reporting import plots
 from rotorjax.reporting.comparison import step_labels, steps
@@ -29,6 +32,19 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
     figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
     figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.changed else "") + "; grey: not measured.", _maps(story)))
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
+
+
+def first_pictures(story: Story) -> list[tuple[str, bytes]]:
+    """What is seen first: the fall of the error, and amplitude over speed before and after, of the run with the largest vibration."""
+    before_after = _before_after(story)
+    if not story.changed:
+        return [("Amplitude over speed: measured (dots) and the model (line).", plots.svg(before_after))]
+    drawn, (axes,) = plots.figure(5.4, 2.5)
+    _draw_fall(axes, story, short=True)
+    return [
+        ("Amplitude over speed: measured (dots), the model as declared (dashed) and with what was added (line).", plots.svg(before_after)),
+        ("The error as effects were added; diamonds: on data held out.", plots.svg(drawn)),
+    ]
 
 
 def explanation_pictures(found: Explanation) -> list[tuple[str, bytes]]:
@@ -86,19 +102,39 @@ def shown_runs(view: Comparison) -> list[str]:
     return [m.runs[k] for k in ranked[picked][::-1]]
 
 
-def _bode(story: Story) -> Figure:
-    view, m = story.last, story.measurement
-    runs = shown_runs(view)
+def _speeds(m: Measurement) -> Float[np.ndarray, "speed"]:
+    """Speeds of a curve [rpm]: those measured and some beyond."""
     low, high = float(m.speed_rpm.min()), float(m.speed_rpm.max())
     margin = 0.08 * high if high - low < 0.02 * high else 0.15 * (high - low)
-    speeds = np.linspace(max(low - margin, 0.02 * low), high + margin, CURVE_POINTS)
-    model = story.final_model.with_orders(m.orders)
-    curves = {}
-    for run in runs:
-        case = int(np.argmax(m.run == m.runs.index(run)))
-        conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
-        curves[run] = np.asarray(response(model, conditions))
-    order = 1.0 if 1.0 in m.orders else m.orders[0]
+    return np.linspace(max(low - margin, 0.02 * low), high + margin, CURVE_POINTS)
+
+
+def _curve(model: Model, m: Measurement, run: str, speeds: Float[np.ndarray, "speed"]) -> Complex[np.ndarray, "speed probe order"]:
+    """What a model shows over speed with what was installed in a run [m]."""
+    case = int(np.argmax(m.run == m.runs.index(run)))
+    conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
+    return np.asarray(response(model.with_orders(m.orders), conditions))
+
+
+def _first_order(m: Measurement) -> float:
+    return 1.0 if 1.0 in m.orders else m.orders[0]
+
+
+def _before_after(story: Story) -> Figure:
+    m, speeds = story.measurement, _speeds(story.measurement)
+    run, probe, order = shown_runs(story.last)[0], m.probes_read[-1], _first_order(m)
+    models = {"as declared": story.model, "with what was added": story.final_model} if story.changed else {"model": story.final_model}
+    at = m.probes.index(probe), m.orders.index(order)
+    curves = {name: np.abs(_curve(model, m, run, speeds)[:, *at]) for name, model in models.items()}
+    drawn, (axes,) = plots.figure(5.4, 2.9)
+    plots.before_after(axes, story.last, run=run, probe=probe, order=order, speeds_rpm=speeds, curves=curves)
+    return drawn
+
+
+def _bode(story: Story) -> Figure:
+    view, m = story.last, story.measurement
+    runs, speeds, order = shown_runs(view), _speeds(m), _first_order(m)
+    curves = {run: _curve(story.final_model, m, run, speeds) for run in runs}
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 5.4, 2, count)
     for k, probe in enumerate(m.probes_read):
@@ -112,7 +148,7 @@ def _bode(story: Story) -> Figure:
 
 def _polar(story: Story) -> Figure:
     m = story.measurement
-    order = 1.0 if 1.0 in m.orders else m.orders[0]
+    order = _first_order(m)
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
     for each, probe in zip(axes, m.probes_read, strict=True):

@@ -67,6 +67,28 @@ def bode(
     return amplitude, phase
 
 
+def before_after(
+    axes: Axes, view: Comparison, *, run: str, probe: str, order: float, speeds_rpm: Float[np.ndarray, "speed"], curves: dict[str, Float[np.ndarray, "speed"]]
+) -> Axes:
+    """Amplitude over speed of one run, logarithmic: measured as dots, models as lines, the first of two dashed.
+
+    **Arguments:** ``curves``: amplitude [m] at ``speeds_rpm``, by the model's name.
+    """
+    m = view.measurement
+    k, n = m.probes.index(probe), m.orders.index(order)
+    cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
+    styles = [(COLOURS[1], "--"), (COLOURS[0], "-")][-len(curves) :]
+    for (name, curve), (colour, dashes) in zip(curves.items(), styles, strict=True):
+        axes.plot(speeds_rpm, np.where(curve > 0.0, curve, np.nan) / MICROMETRE, linewidth=1.5, label=name, color=colour, linestyle=dashes)
+    axes.plot(m.speed_rpm[cases], np.abs(view.measured[cases, k, n]) / MICROMETRE, "o", color="0.15", markersize=4.5, label="measured")
+    axes.set_yscale("log")
+    axes.set(xlabel="speed, rpm", ylabel=f"{probe} {order:g}X, µm (0-peak)")
+    axes.set_title(f"run {run}", fontsize=9, loc="left")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3, which="both", linewidth=0.5)
+    return axes
+
+
 def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
     """Measured vectors in the complex plane as markers, each with a line to where the model puts it."""
     m = view.measurement
@@ -122,19 +144,19 @@ def _positive_range(grid: np.ndarray) -> tuple[float, float]:
 def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None) -> Axes:
     """The error step by step as effects were added, with the error on held-out data and the level of the noise."""
     at = np.arange(len(labels))
-    axes.bar(at, rms_um, width=0.6, color=COLOURS[0], label="all data")
+    axes.plot(at, rms_um, "o-", color=COLOURS[0], markersize=7, linewidth=1.2, label="all data")
     held = [(x, h) for x, h in zip(at, held_out_um, strict=True) if h is not None]
     if held:
-        axes.plot(*zip(*held, strict=True), "D", color=COLOURS[1], markersize=7, label="held out")
+        axes.plot(*zip(*held, strict=True), "D", color=COLOURS[1], markersize=7, fillstyle="none", markeredgewidth=1.5, label="held out")
     if noise_um is not None:
         axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise of the table")
     for x, value in zip(at, rms_um, strict=True):
-        axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(0, -14), ha="center", fontsize=8, color="white")
+        axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(8, 4), fontsize=8)
     axes.set_yscale("log")
     floor = float(np.min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])]))
     axes.set_ylim(max(floor, 1e-9) / 2.0, max(1e-9, *rms_um) * 3.0)
     axes.set_xticks(at, labels, fontsize=8)
-    axes.set(ylabel="rms |residual|, µm")
+    axes.set(ylabel="rms |residual|, µm", xlim=(-0.4, len(labels) - 0.4))
     axes.legend(fontsize=8, loc="upper right")
     axes.grid(axis="y", alpha=0.3)
     return axes

@@ -73,9 +73,10 @@ def test_a_reader_that_has_seen_enough_does_not_cost_the_files(example, tmp_path
 def test_report_is_one_file_without_network(example, told):
     page = (example / "r.html").read_text()
     assert told["verdict"].split(".")[0][:40] in page
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    assert all(f'id="{place}"' in page for place in re.findall(r'href="#(\w+)"', page))
     assert "http" not in page.replace("http-equiv", "")
-    assert page.count("data:image/svg+xml;base64,") == 4
+    assert page.count("data:image/svg+xml;base64,") == 6
     assert "<script" not in page
 
 
@@ -216,6 +217,18 @@ def test_explain_finds_what_the_example_hides(explained):
     assert last["parameters"]["cross_coupling"]["cross_stiffness_n_per_m"]["value"] == pytest.approx(1200.0, abs=35.0)
     assert first["held_out_rms_um"] > 10.0 * last["held_out_rms_um"]
     assert last["reduced_chi2"] == pytest.approx(1.0, abs=0.35)
+
+
+def test_the_report_begins_with_verdict_and_sizes(explained, example):
+    """9 g mm at 50° and 1200 N/m, as magnitude and angle with 95 % intervals, before any table."""
+    first = (example / "e.html").read_text().split("<nav")[0]
+    assert '<span class="badge explained">explained</span>' in first
+    size, angle = re.search(r"<dt>unbalance</dt><dd>([\d.]+) ± [\d.]+ g mm at (\d+) ± [\d.]+°</dd>", first).groups()
+    assert float(size) == pytest.approx(9.0, abs=0.1)
+    assert float(angle) == pytest.approx(50.0, abs=1.0)
+    assert re.search(r"<dt>cross stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
+    assert first.count("<img") == 2
+    assert "<table" not in first
 
 
 def test_explain_json_holds_the_contract(explained):

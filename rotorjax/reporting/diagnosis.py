@@ -1,0 +1,69 @@
+"""What people read of a diagnosis: unbalance and bow of every run."""
+
+from typing import Any
+
+from rotorjax.data.rig import Convention
+from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
+from rotorjax.reporting.tables import Table, number
+
+
+def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
+    """Unbalance and bow of every run, with standard errors."""
+    headers = ["run", "unbalance g mm", "± s.e.", "at °", "± s.e.", "bow mm", "± s.e.", "at °", "± s.e.", "told apart", "as unbalance alone g mm"]
+    found = [*diagnosis.runs, *([diagnosis.inherent] if diagnosis.inherent else [])]
+    rows = []
+    for run in found:
+        alone = run.unbalance_alone
+        together = "-" if alone is None else f"{number(alone.magnitude * 1e6)} at {convention.angle_deg(alone.pair):.0f}°"
+        cells = [*_fault_cells(run.unbalance, 1e6, convention), *_fault_cells(run.bow, 1e3, convention)]
+        rows.append([run.run, *cells, "yes" if run.identifiable else "no", together])
+    reasons: dict[str, list[str]] = {}
+    for run in found:
+        if run.reason:
+            reasons.setdefault(run.reason, []).append(run.run)
+    lines = [f"Not told apart in {_listed(runs)}: {reason}." for reason, runs in reasons.items()]
+    note = "\n".join(lines)
+    return Table("Unbalance and bow", headers, rows, note)
+
+
+def _listed(runs: list[str], most: int = 6) -> str:
+    return ", ".join(runs[:most]) + (f" and {len(runs) - most} more" if len(runs) > most else "")
+
+
+def _fault_cells(fault: Fault | None, factor: float, convention: Convention) -> list[str]:
+    if fault is None:
+        return ["-"] * 4
+    error = fault.standard_error
+    return [
+        number(fault.magnitude * factor),
+        number(None if error is None else error * factor, 2),
+        f"{convention.angle_deg(fault.pair):.1f}",
+        number(fault.angle_standard_error_deg, 2),
+    ]
+
+
+def diagnosis_json(diagnosis: Diagnosis, convention: Convention) -> dict[str, Any]:
+    """What ``diagnose --json`` writes."""
+
+    def fault(found: Fault | None, factor: float) -> dict[str, float | None]:
+        if found is None:
+            return {"value": None, "angle_deg": None, "standard_error": None, "angle_standard_error_deg": None}
+        error = found.standard_error
+        return {
+            "value": found.magnitude * factor,
+            "angle_deg": convention.angle_deg(found.pair),
+            "standard_error": None if error is None else error * factor,
+            "angle_standard_error_deg": found.angle_standard_error_deg,
+        }
+
+    def run(found: RunDiagnosis) -> dict[str, Any]:
+        return {
+            "unbalance_g_mm": fault(found.unbalance, 1e6),
+            "bow_mm": fault(found.bow, 1e3),
+            "identifiable": found.identifiable,
+            "reason": found.reason,
+            "reduced_chi2": found.reduced_chi2,
+            "unbalance_alone_g_mm": fault(found.unbalance_alone, 1e6),
+        }
+
+    return {"runs": {r.run: run(r) for r in diagnosis.runs}, "inherent": run(diagnosis.inherent) if diagnosis.inherent else None}

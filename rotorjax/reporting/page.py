@@ -1,0 +1,66 @@
+"""The HTML report: one file that needs no network and no script."""
+
+import base64
+from importlib.resources import files
+from typing import NamedTuple
+
+import jinja2
+
+from rotorjax.reporting.sizes import Size
+from rotorjax.reporting.tables import Table, is_number
+
+
+class Picture(NamedTuple):
+    """A figure for the report: caption and SVG as a data address."""
+
+    caption: str
+    source: str
+
+    @classmethod
+    def of(cls, caption: str, svg: bytes) -> "Picture":
+        """From an SVG file's content."""
+        return cls(caption, "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii"))
+
+    @classmethod
+    def every(cls, pairs: list[tuple[str, bytes]]) -> list["Picture"]:
+        """From pairs of caption and SVG."""
+        return [cls.of(caption, svg) for caption, svg in pairs]
+
+
+class Headline(NamedTuple):
+    """What is seen without scrolling."""
+
+    verdict: str
+    """In a word or two: it has a colour of its own."""
+    sentence: str
+    fall: str
+    """How far the error falls."""
+    effects: list[tuple[str, str, list[Size]]]
+    """Name, meaning, and sizes of every effect found."""
+    lines: list[str]
+    """What ties, and what to measure next."""
+    pictures: list[Picture]
+
+
+class Page(NamedTuple):
+    """What a report shows, from top to bottom."""
+
+    title: str
+    headline: Headline
+    verdict: str
+    """The result in a few sentences."""
+    measurement: str
+    findings: list[str]
+    tables: list[Table]
+    pictures: list[Picture]
+    where: list[Table]
+    cost: str = ""
+    """The last line: what it took."""
+
+
+def html_report(page: Page) -> str:
+    """A report as one HTML file that needs no network. All text is escaped."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.tests["numeric"] = is_number
+    template = environment.from_string(files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8"))
+    return template.render(page._asdict())
