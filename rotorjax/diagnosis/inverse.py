@@ -9,11 +9,12 @@ from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair, require_float64
 from rotorjax.data.measurement import Measurement
+from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance, response_to
 from rotorjax.inference.space import Space, make_space, with_company
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
-from rotorjax.units import MICROMETRE, RPM
+from rotorjax.units import MICROMETRE
 
 HEALTHY_SPREADS = 4.0
 """Standard deviations of a reduced chi-square above one at which a model counts as failing."""
@@ -336,28 +337,17 @@ def _largest(covariance: np.ndarray) -> float:
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
 
-def resonances_rpm(model: Model) -> Float[np.ndarray, "speed"]:
-    """Speeds at which the disk's response to a unit unbalance, over speed squared, peaks along x or y [rpm]."""
-    nominal = np.sqrt(np.asarray(model.rotor.stiffness) / float(model.rotor.mass)) / RPM
-    grid = np.linspace(0.3 * nominal.min(), 2.0 * nominal.max(), 2001)
-    conditions = Conditions.at_rpm(grid, unbalance=np.zeros((len(model.layout.planes), 2)))
-    first = model.layout.orders.index(1.0)
-    size = np.linalg.norm(fault_sensitivity(model, conditions)[:, :, first, :, 0], axis=-1) / grid[:, None] ** 2
-    inner = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])
-    return np.unique(grid[1:-1][inner.any(axis=1)])
-
-
 def _entanglement(speeds: np.ndarray, model: Model) -> str:
-    axes = " and ".join(f"{speed:.0f}" for speed in resonances_rpm(model))
+    axes = " and ".join(f"{speed:.0f}" for speed in critical_speeds_rpm(model))
     if np.ptp(speeds) <= 0.02 * np.min(speeds):
-        return f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (resonances at {axes} rpm): bow and unbalance look alike there"
+        return f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (critical speeds {axes} rpm): bow and unbalance look alike there"
     listed = ", ".join(f"{speed:.0f}" for speed in np.unique(speeds))
-    return f"bow and unbalance look alike at {listed} rpm, within the noise and what is uncertain (resonances at {axes} rpm)"
+    return f"bow and unbalance look alike at {listed} rpm, within the noise and what is uncertain (critical speeds {axes} rpm)"
 
 
 def _cure(solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:
     """The further speed within the limits that would tell them apart best, with the error that it would leave."""
-    peaks, limits = resonances_rpm(model), measurement.knowledge.limits
+    peaks, limits = critical_speeds_rpm(model), measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.3 * peaks.min(), 1.7 * peaks.max())
     candidates = np.linspace(low, high, 57)
     conditions = Conditions.at_rpm(candidates, unbalance=np.zeros((len(model.layout.planes), 2)))

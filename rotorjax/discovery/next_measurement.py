@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
-from rotorjax.diagnosis.inverse import NEAR_PEAK, resonances_rpm
+from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
+from rotorjax.diagnosis.inverse import NEAR_PEAK
 from rotorjax.discovery.race import Contest
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import Noise
@@ -44,7 +45,7 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     others would not tell. None if no reading within the limits would tell.
     """
     runs = _runs(contest)
-    peaks = np.concatenate([resonances_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,))) for end in (first, second)])
+    peaks = np.concatenate([critical_speeds_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,))) for end in (first, second)])
     measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.5 * measured.min(), 1.5 * measured.max())
     speeds = np.linspace(low, high, SPEEDS)

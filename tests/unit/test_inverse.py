@@ -43,7 +43,7 @@ def test_one_speed_and_nearly_equal_axes(paper_rotor):
     found = diagnose(paper_rotor + _nothing(), measure(paper_rotor, [1500], sigma=1e-6))
     run = found.runs[0]
     assert not run.identifiable
-    assert re.search(r"one speed \(1500 rpm\) and nearly equal axes \(resonances at 219\d and 230\d rpm\)", run.reason)
+    assert re.search(r"one speed \(1500 rpm\) and nearly equal axes \(critical speeds 219\d and 230\d rpm\)", run.reason)
     assert "a reading at" in run.reason
     assert 5e-6 < run.unbalance.largest_error < 60e-6
     assert run.unbalance_alone is not None
