@@ -18,7 +18,8 @@ import jax
 
 from rotorjax import Explanation, explain, read_measurement, read_rig
 from rotorjax.cli import progress_line, write_report
-from rotorjax.reporting.explanation import explanation_json, explanation_text, notes, sentence
+from rotorjax.reporting.explanation import explanation_text, notes, sentence
+from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.pictures import headline_figure
 from rotorjax.reporting.tables import Table, number
 

@@ -18,7 +18,7 @@ from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
     from rotorjax.data.measurement import Measurement
-    from rotorjax.data.rig import Convention, Rig
+    from rotorjax.data.rig import Rig
     from rotorjax.discovery.explain import Explanation
     from rotorjax.discovery.story import Story
     from rotorjax.model.contract import Effect
@@ -196,11 +196,11 @@ def _write_outputs(options: argparse.Namespace, rig: "Rig", model: "Model", cont
     if options.json:
         _write_json(options.json, content)
     if options.report:
-        write_report(options.report, result, title=title, convention=rig.convention)
+        write_report(options.report, result, title=title, rig=rig)
         print(f"\nReport: {options.report}")
 
 
-def write_report(path: Path, result: "Story | Explanation", *, title: str, convention: "Convention | None" = None) -> None:
+def write_report(path: Path, result: "Story | Explanation", *, title: str, rig: "Rig | None" = None) -> None:
     """Write the HTML report of a comparison or of an explanation."""
     from rotorjax.data.files import write_whole
     from rotorjax.discovery.story import Story
@@ -210,9 +210,11 @@ def write_report(path: Path, result: "Story | Explanation", *, title: str, conve
     from rotorjax.reporting.pictures import explanation_pictures, first_pictures, story_pictures
 
     if isinstance(result, Story):
-        page = comparison_page(result, title=title, pictures=story_pictures(result), first=first_pictures(result), convention=convention)
+        page = comparison_page(
+            result, title=title, pictures=story_pictures(result), first=first_pictures(result), convention=None if rig is None else rig.convention
+        )
     else:
-        page = explanation_page(result, title=title, pictures=explanation_pictures(result), first=first_pictures(result.story), convention=convention)
+        page = explanation_page(result, title=title, pictures=explanation_pictures(result), first=first_pictures(result.story), rig=rig)
     write_whole(path, html_report(page))
 
 
@@ -225,7 +227,8 @@ def _explain(options: argparse.Namespace) -> None:
         progress(f"reading {options.data}")
         _compute()
         from rotorjax.discovery.explain import explain
-        from rotorjax.reporting.explanation import explanation_json, explanation_text
+        from rotorjax.reporting.explanation import explanation_text
+        from rotorjax.reporting.explanation_json import explanation_json
 
         rig, measurement = _read(options)
         declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
@@ -233,8 +236,8 @@ def _explain(options: argparse.Namespace) -> None:
             how = "declares it uncertain, so that it is estimated along in any case" if held[0] in declared else "has it in [effects] already"
             raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
         found = explain(rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress)
-    _say(explanation_text(found))
-    _write_outputs(options, rig, found.model, explanation_json(found), found, f"{options.data.name}: what {options.rig.name} lacks")
+    _say(explanation_text(found, rig))
+    _write_outputs(options, rig, found.model, explanation_json(found, rig), found, f"{options.data.name}: what {options.rig.name} lacks")
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ RPM = 2.0 * math.pi / 60.0
 """One revolution per minute, in rad/s."""
 
 MICROMETRE = 1e-6
+MILLIMETRE = 1e-3
 
 GRAM_MILLIMETRE = 1e-6
 """One g mm, in kg m."""

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ from rotorjax.model.conditions import Layout, Probes
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.model.rotor import Jeffcott
-from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, RPM
+from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
 
 _SECTIONS = ("rotor", "probes", "planes", "convention", "model", "uncertainty", "prior", "effects", "limits", "runs", "waveform", "recordings")
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
@@ -58,6 +58,18 @@ class Convention:
         return -angle if self.weight_angles == "against-rotation" else angle
 
 
+class Plane(NamedTuple):
+    """A balancing plane."""
+
+    participation: float = 1.0
+    """Mode shape there, relative to the disk."""
+    radius_m: float | None = None
+    """Where correction masses sit."""
+    holes: int | None = None
+    """Evenly spaced, the first of them at `first_hole_deg`."""
+    first_hole_deg: float = 0.0
+
+
 @dataclasses.dataclass(frozen=True)
 class Rig:
     """A rig file: the model, what was installed in each run, and what the user declared besides."""
@@ -68,6 +80,7 @@ class Rig:
     knowledge: Knowledge
     path: Path
     text: str
+    planes: Mapping[str, Plane]
 
     def measurement(self, table: Table, path: Path) -> Measurement:
         """A table's rows as a measurement of this rig.
@@ -164,7 +177,8 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     slow_roll = _slow_roll(convention_section)
     convention_section.close()
     planes = _planes(document)
-    runs = _runs(document, planes, convention)
+    participation = {name: plane.participation for name, plane in planes.items()}
+    runs = _runs(document, participation, convention)
     model_parts = _rotor(document, rotation), _probes(document)
     tolerance, scatter = _form(document)
     knowledge = Knowledge(
@@ -174,11 +188,11 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = _effects(document, layout, catalog)
     document.raise_problems()
-    model = _assemble(model_parts[0], model_parts[1], planes, slow_roll)
+    model = _assemble(model_parts[0], model_parts[1], participation, slow_roll)
     orders = {order for _, _, named in declared for order in named}
     model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
     model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])
-    return Rig(model, runs, convention, knowledge, document.path, document.text)
+    return Rig(model, runs, convention, knowledge, document.path, document.text, planes)
 
 
 def read_measurement(path: str | Path, rig: Rig) -> Measurement:
@@ -242,13 +256,24 @@ def _probes(document: Document) -> dict[str, tuple[float, float, float]]:
     return probes
 
 
-def _planes(document: Document) -> dict[str, float]:
+def _planes(document: Document) -> dict[str, Plane]:
     section = document.section("planes")
     planes = {}
     for name, table in section.tables():
-        planes[name] = table.number("participation", 1.0)
+        radius = table.number("radius_mm", above=0.0) * MILLIMETRE if "radius_mm" in table else None
+        planes[name] = Plane(table.number("participation", 1.0), radius, _holes(table), table.number("first_hole_deg", 0.0))
         table.close()
-    return planes or {"disk": 1.0}
+    return planes or {"disk": Plane()}
+
+
+def _holes(table: Section) -> int | None:
+    """How many holes a plane has for correction masses."""
+    if "holes" not in table:
+        return None
+    count = table.number("holes", least=3.0)
+    if math.isfinite(count) and count != int(count):
+        table.problem("holes", "must be a whole number of evenly spaced holes")
+    return int(count) if math.isfinite(count) else None
 
 
 def _slow_roll(section: Section) -> float | None:

@@ -34,9 +34,10 @@ class CriticalSpeed(NamedTuple):
 def critical_speeds(model: Model) -> tuple[CriticalSpeed, ...]:
     """Critical speeds of the rotor without forces that depend on motion, the lowest first.
 
-    **Arguments:** ``model``, which has order 1 and is read at its probes. Looked for between 0.3 and 2 times what stiffness over mass says.
+    Looked for between 0.3 and 2 times what stiffness over mass says, with probes as they are in the ``model``.
     **Source:** API RP 684 (2005), sections 1.2 and 2.2: amplification factor N_c / (N_2 - N_1), half-power method.
     """
+    model = model if 1.0 in model.layout.orders else model.with_orders((1.0,))
     nominal = np.sqrt(np.asarray(model.rotor.stiffness) / float(model.rotor.mass)) / RPM
     wide = np.linspace(0.3 * nominal.min(), 2.0 * nominal.max(), COARSE)
     size, found = _size(model, wide), []

@@ -1,18 +1,18 @@
 """What people read of an explanation: the verdict in a sentence, rankings, ties, the next measurement, JSON."""
 
-import math
-from typing import Any
-
-from rotorjax.data.rig import Convention
+from rotorjax.data.rig import Rig
+from rotorjax.diagnosis.balancing import Correction
+from rotorjax.diagnosis.critical_speeds import CriticalSpeed, critical_speeds
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
-from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
-from rotorjax.reporting.comparison import findings, measurement_line, share_table, sizes_by_effect, step_json, step_tables, view_json, worst_cells
+from rotorjax.model.model import Model
+from rotorjax.reporting.balance import balance_line, corrections, predicted_table
+from rotorjax.reporting.comparison import findings, measurement_line, share_table, sizes_by_effect, step_tables, worst_cells
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import MICROMETRE, unit_of
@@ -165,27 +165,6 @@ def missing_force_table(named: NamedForce) -> Table | None:
     return Table("Terms of the missing force", ["term", "meaning", "in the equation", "in the response", "±", "unit"], rows, note)
 
 
-def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
-    if named is None:
-        return None
-    terms = [
-        {"term": t.term, "words": t.words, "coefficients": t.coefficients, "share": t.share, "gain": t.gain, "rivals": list(t.rivals)} for t in named.terms
-    ]
-    fitted = named.fit
-    return {
-        "reason": named.force.reason,
-        "held": ["xy"[axis] for axis in named.force.held],
-        "beside": list(named.beside),
-        "terms": terms,
-        "rivals": list(named.rivals),
-        "parameters": None if fitted is None else {e.entry.key: {"value": e.value, "standard_error": e.standard_error} for e in fitted.estimates},
-        "rms_um": None if fitted is None else named.force.measurement.rms_of(fitted.predicted) / MICROMETRE,
-        "held_out_rms_um": None if fitted is None or fitted.held_out_rms is None else fitted.held_out_rms / MICROMETRE,
-        "reduced_chi2": None if fitted is None else fitted.reduced_chi2,
-        "enough": named.enough,
-    }
-
-
 def _ties(found: Explanation) -> list[str]:
     return [f"These data cannot tell {listed(names[0])} from {_others(names[1:])}." for names in found.ties.groups()]
 
@@ -195,6 +174,44 @@ def _others(sets: list[list[str]]) -> str:
     if len(sets) <= SAID:
         return ", or from ".join(listed(names) for names in sets)
     return f"{listed(sets[0])}, or from {len(sets) - 1} other sets listed below"
+
+
+def critical_speeds_line(found: Explanation) -> str:
+    """Critical speeds with what was added, and as declared where they differ."""
+    before, after = (critical_speeds(model) for model in before_and_after(found))
+    if not after:
+        return ""
+    told = f"Critical speeds: {_told(after)}"
+    return f"{told}; as declared {_told(before)}." if found.effects and before and _told(before) != _told(after) else f"{told}."
+
+
+def _told(speeds: tuple[CriticalSpeed, ...]) -> str:
+    """Speeds in a sentence, with their amplification factors and damping ratios."""
+    factors = [
+        f"{one.speed_rpm:.0f} rpm"
+        + ("" if one.amplification is None else f" (amplification factor {number(one.amplification)}, damping ratio {number(50.0 / one.amplification, 2)} %)")
+        for one in speeds
+    ]
+    return listed(factors)
+
+
+def before_and_after(found: Explanation) -> tuple[Model, Model]:
+    """The model as declared, and with what was added, for the orders measured."""
+    orders = found.story.measurement.orders
+    return found.story.model.with_orders(orders), found.model.with_orders(orders)
+
+
+def balance_lines(found: Explanation, rig: Rig | None) -> list[str]:
+    """What would balance the rotor, where an unbalance was found."""
+    every = corrections_of(found, rig)
+    open_names = {name for group in found.ties.groups() for names in group for name in names}
+    doubt = "If it is an unbalance indeed: " if "residual_unbalance" in open_names else ""
+    return [doubt + balance_line(one, alone=len(every) > 1) for one in every]
+
+
+def corrections_of(found: Explanation, rig: Rig | None) -> tuple[Correction, ...]:
+    """What corrects the unbalance found, plane by plane; none without a rig."""
+    return () if rig is None else corrections(found.story.fits[-1], rig, found.story.measurement)
 
 
 def ties_table(found: Explanation) -> Table | None:
@@ -319,10 +336,11 @@ def cost_line(found: Explanation) -> str:
     return f"{line} Not tried when the limit was reached: {listed(cost.untried)}." if cost.exhausted else line
 
 
-def explanation_text(found: Explanation) -> str:
-    """Everything that `rotorjax explain` prints."""
+def explanation_text(found: Explanation, rig: Rig | None = None) -> str:
+    """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor."""
     parts = [measurement_line(found.story.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
+    parts += [line for line in (critical_speeds_line(found), *balance_lines(found, rig)) if line]
     parts += [table.text() for table in explanation_tables(found)]
     parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails").text())
     parts.append(cost_line(found))
@@ -330,84 +348,27 @@ def explanation_text(found: Explanation) -> str:
 
 
 def explanation_page(
-    found: Explanation, *, title: str, pictures: list[tuple[str, bytes]], first: list[tuple[str, bytes]] | None = None, convention: Convention | None = None
+    found: Explanation, *, title: str, pictures: list[tuple[str, bytes]], first: list[tuple[str, bytes]] | None = None, rig: Rig | None = None
 ) -> Page:
-    """The report of `explain`. **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling."""
+    """The report of `explain`.
+
+    **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling; ``rig``: for its angles and planes.
+    """
     story = found.story
     where = [worst_cells(story.declared, "Where the model as declared fails")]
     where += [worst_cells(story.last, "Where it fails with what was added")] if story.changed else []
     where.append(share_table(story.last, "Share of what is left"))
     said, drawn = notes(found), Picture.every(pictures)
-    top, tables = headline(found, first or [], convention), explanation_tables(found)
+    top, tables, model = headline(found, first or [], rig), explanation_tables(found), before_and_after(found)[1]
+    tables += [predicted_table(model, one, story.measurement.speed_cluster()[1]) for one in corrections_of(found, rig)]
     return Page(title, top, sentence(found), measurement_line(story.measurement), said, tables, drawn, where, cost_line(found))
 
 
-def headline(found: Explanation, pictures: list[tuple[str, bytes]], convention: Convention | None = None) -> Headline:
+def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | None = None) -> Headline:
     """What is seen without scrolling."""
     told = {"nothing missing": _nothing, "explained": _missing, "undecided": _undecided, "unexplained": _unexplained}[found.verdict](found)
-    effects = sizes_by_effect(found.story.fits[-1], found.effects, convention)
-    lines = [*_ties(found), *(line for line in notes(found) if line.startswith(("Measure next", "No reading within")))]
+    effects = sizes_by_effect(found.story.fits[-1], found.effects, None if rig is None else rig.convention)
+    next_one = [line for line in notes(found) if line.startswith(("Measure next", "No reading within"))]
+    lines = [line for line in (*balance_lines(found, rig), critical_speeds_line(found), *_ties(found), *next_one) if line]
     fall = " ".join(filter(None, (_misses(found), _fall(found) if found.effects else "", _left(found))))
     return Headline(found.verdict, told, fall, effects, lines, Picture.every(pictures))
-
-
-def explanation_json(found: Explanation) -> dict[str, Any]:
-    """What ``explain --json`` writes: plain finite numbers, null where a key does not apply."""
-    story = found.story
-    every = []
-    for k, (view, fitted) in enumerate(zip(story.views, story.fits, strict=True)):
-        step = step_json(f"+ {found.effects[k - 1]}" if k else "before anything is added", view, fitted)
-        ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
-        every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
-    uncertain = {e.entry.effect for e in story.fits[0].estimates if e.entry.declared_uncertain}
-    every[0] |= {"uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain}, "parameters": {}}
-    n = found.next_measurement
-    return {
-        "verdict": found.verdict,
-        "sentence": sentence(found),
-        "effects": list(found.effects),
-        "steps": every,
-        "ranking": _ranking_json(found, 0),
-        "ties": found.ties.groups(),
-        "tied_predictions": [{"instead_of": list(t.instead_of), "effects": list(t.effects), "standardised_difference": t.apart} for t in found.ties.tied],
-        "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
-        "detected_but_small": [small._asdict() for small in found.detected_but_small],
-        "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
-        "next_measurement": None
-        if n is None
-        else {
-            "run": n.run,
-            "speed_rpm": n.speed_rpm,
-            "new_probes": list(n.new_probes),
-            "separates": [" + ".join(names) for names in n.separates],
-            "standardised_difference": n.standardised_difference,
-        },
-        "noise": "given" if found.contest.measurement.noise == "given" else "inferred",
-        "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
-        "p_value": None if found.p_value is None else found.p_value.value,
-        "p_value_draws": None if found.p_value is None else found.p_value.draws,
-        "missing_force": _missing_force_json(found.named_force),
-        "findings": notes(found),
-        "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
-    }
-
-
-def _ranking_json(found: Explanation, step: int) -> list[dict[str, Any]]:
-    return [
-        {
-            "effect": r.effect,
-            "probability": r.probability,
-            "log_evidence": r.log_evidence if math.isfinite(r.log_evidence) else None,
-            "reduced_chi2": found.chi2(r),
-            "converged": r.contender.best.result == CONVERGED,
-        }
-        for r in found.rankings[step]
-    ]
-
-
-def _near(found: Explanation, step: int) -> list[list[list[str]]]:
-    """Effects that the next step could as well have begun with."""
-    ranked = found.rankings[step]
-    added = next((r for r in ranked if step < len(found.effects) and r.effect == found.effects[step]), ranked[0])
-    others = [[r.effect] for r in ranked if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE]
-    return [[[added.effect], *others]] if others and added.effect != "none" else []

@@ -16,7 +16,8 @@ from rotorjax.discovery.race import contender_of
 from rotorjax.effects import CATALOG
 from rotorjax.inference import kernels
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
-from rotorjax.reporting.explanation import explanation_json, explanation_text, notes, sentence
+from rotorjax.reporting.explanation import explanation_text, notes, sentence
+from rotorjax.reporting.explanation_json import explanation_json
 
 import drawn_effects
 import hidden

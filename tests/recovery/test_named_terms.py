@@ -9,7 +9,8 @@ from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, 
 from rotorjax.discovery.force_terms import regress
 from rotorjax.discovery.missing_force import missing_force
 from rotorjax.discovery.named_force import name_force
-from rotorjax.reporting.explanation import explanation_json, explanation_text, sentence
+from rotorjax.reporting.explanation import explanation_text, sentence
+from rotorjax.reporting.explanation_json import explanation_json
 
 import nonlinear_oracle as in_time
 from drawn_forces import draw, measured

@@ -9,7 +9,8 @@ import pytest
 
 from rotorjax import explain, read_measurement, read_rig
 from rotorjax.data.rig import Rig
-from rotorjax.reporting.explanation import explanation_json, explanation_page, explanation_text, notes, sentence, ties_table
+from rotorjax.reporting.explanation import explanation_page, explanation_text, notes, sentence, ties_table
+from rotorjax.reporting.explanation_json import explanation_json
 
 import make_hidden
 

@@ -1,0 +1,109 @@
+"""An explanation as JSON: plain finite numbers in the units that their names say."""
+
+import math
+from typing import Any
+
+from rotorjax.data.rig import Rig
+from rotorjax.diagnosis.critical_speeds import critical_speeds
+from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.named_force import NamedForce
+from rotorjax.discovery.rivals import TIE
+from rotorjax.inference.manner import CONVERGED
+from rotorjax.inference.noise import NO_SCATTER
+from rotorjax.reporting.balance import balance_json
+from rotorjax.reporting.comparison import step_json, view_json
+from rotorjax.reporting.explanation import before_and_after, corrections_of, notes, sentence
+from rotorjax.units import MICROMETRE
+
+
+def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, Any]:
+    """What ``explain --json`` writes: plain finite numbers, null where a key does not apply. **Arguments:** ``rig``: for what would balance the rotor."""
+    story = found.story
+    every = []
+    for k, (view, fitted) in enumerate(zip(story.views, story.fits, strict=True)):
+        step = step_json(f"+ {found.effects[k - 1]}" if k else "before anything is added", view, fitted)
+        ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
+        every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
+    uncertain = {e.entry.effect for e in story.fits[0].estimates if e.entry.declared_uncertain}
+    every[0] |= {"uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain}, "parameters": {}}
+    n = found.next_measurement
+    return {
+        "verdict": found.verdict,
+        "sentence": sentence(found),
+        "effects": list(found.effects),
+        "steps": every,
+        "ranking": _ranking_json(found, 0),
+        "ties": found.ties.groups(),
+        "tied_predictions": [{"instead_of": list(t.instead_of), "effects": list(t.effects), "standardised_difference": t.apart} for t in found.ties.tied],
+        "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
+        "detected_but_small": [small._asdict() for small in found.detected_but_small],
+        "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
+        "next_measurement": None
+        if n is None
+        else {
+            "run": n.run,
+            "speed_rpm": n.speed_rpm,
+            "new_probes": list(n.new_probes),
+            "separates": [" + ".join(names) for names in n.separates],
+            "standardised_difference": n.standardised_difference,
+        },
+        "noise": "given" if found.contest.measurement.noise == "given" else "inferred",
+        "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
+        "p_value": None if found.p_value is None else found.p_value.value,
+        "p_value_draws": None if found.p_value is None else found.p_value.draws,
+        "balance": balance_json(corrections_of(found, rig)),
+        "critical_speeds": _critical_speeds_json(found),
+        "missing_force": _missing_force_json(found.named_force),
+        "findings": notes(found),
+        "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
+    }
+
+
+def _ranking_json(found: Explanation, step: int) -> list[dict[str, Any]]:
+    return [
+        {
+            "effect": r.effect,
+            "probability": r.probability,
+            "log_evidence": r.log_evidence if math.isfinite(r.log_evidence) else None,
+            "reduced_chi2": found.chi2(r),
+            "converged": r.contender.best.result == CONVERGED,
+        }
+        for r in found.rankings[step]
+    ]
+
+
+def _near(found: Explanation, step: int) -> list[list[list[str]]]:
+    """Effects that the next step could as well have begun with."""
+    ranked = found.rankings[step]
+    added = next((r for r in ranked if step < len(found.effects) and r.effect == found.effects[step]), ranked[0])
+    others = [[r.effect] for r in ranked if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE]
+    return [[[added.effect], *others]] if others and added.effect != "none" else []
+
+
+def _critical_speeds_json(found: Explanation) -> dict[str, list[dict[str, float | None]]]:
+    before, after = (
+        [{"speed_rpm": one.speed_rpm, "amplification_factor": one.amplification, "damping_ratio": one.damping_ratio} for one in critical_speeds(model)]
+        for model in before_and_after(found)
+    )
+    return {"before": before, "after": after}
+
+
+def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
+    if named is None:
+        return None
+    terms = [
+        {"term": t.term, "words": t.words, "coefficients": t.coefficients, "share": t.share, "gain": t.gain, "rivals": list(t.rivals)} for t in named.terms
+    ]
+    fitted = named.fit
+    return {
+        "reason": named.force.reason,
+        "held": ["xy"[axis] for axis in named.force.held],
+        "beside": list(named.beside),
+        "terms": terms,
+        "rivals": list(named.rivals),
+        "parameters": None if fitted is None else {e.entry.key: {"value": e.value, "standard_error": e.standard_error} for e in fitted.estimates},
+        "rms_um": None if fitted is None else named.force.measurement.rms_of(fitted.predicted) / MICROMETRE,
+        "held_out_rms_um": None if fitted is None or fitted.held_out_rms is None else fitted.held_out_rms / MICROMETRE,
+        "reduced_chi2": None if fitted is None else fitted.reduced_chi2,
+        "enough": named.enough,
+    }
