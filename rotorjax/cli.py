@@ -370,17 +370,16 @@ def _diagnose(options: argparse.Namespace) -> None:
     _check_outputs(options)
     _compute()
     from rotorjax.diagnosis.inverse import diagnose
-    from rotorjax.reporting.comparison import measurement_line
-    from rotorjax.reporting.diagnosis import diagnosis_json, diagnosis_table
+    from rotorjax.reporting.diagnosis import diagnosis_json, diagnosis_text
 
     rig, measurement = _read(options)
     try:
         diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
     except ValueError as error:
         raise InputError(f"{options.data}: {error}") from error
-    _say(f"{measurement_line(measurement)}\n\n{diagnosis_table(diagnosis, rig.convention).text()}")
+    _say(diagnosis_text(diagnosis, rig, measurement))
     if options.json:
-        _write_json(options.json, diagnosis_json(diagnosis, rig.convention))
+        _write_json(options.json, diagnosis_json(diagnosis, rig, measurement))
 
 
 def _simulate(options: argparse.Namespace) -> None:

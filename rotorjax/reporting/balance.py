@@ -3,10 +3,12 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction, before_and_after
+from rotorjax.diagnosis.inverse import Diagnosis
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Fit
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.model.model import Model
@@ -19,24 +21,50 @@ MOST_SPEEDS = 12
 
 
 def corrections(fitted: Fit, rig: Rig, measurement: Measurement) -> tuple[Correction, ...]:
-    """What corrects the residual unbalance of a fitted model, in each plane of the rig by itself.
-
-    The grade counts at the highest speed of the rig's limits, or else of those measured. **Returns** none where the fit has no residual unbalance.
-    """
+    """What corrects the residual unbalance of a fitted model, in each plane of the rig by itself; none where the fit has no residual unbalance."""
     found = {e.entry.label: e for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
     labels = [f"unbalance_{axis}_kg_m" for axis in "xy"]
     if not found.keys() >= set(labels):
         return ()
     which, scale = ([found[label].entry.unknown for label in labels], np.array([found[label].entry.scale for label in labels]))
     covariance = scale[:, None] * fitted.covariance[np.ix_(which, which)] * scale
-    unbalance = np.array([found[label].value for label in labels])
+    return _in_every_plane(np.array([found[label].value for label in labels]), covariance, rig, measurement, float(fitted.model.rotor.mass))
+
+
+def diagnosed_corrections(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> tuple[Correction, ...]:
+    """The same for what `diagnose` found: the inherent unbalance, or else that of the first run with nothing installed; none where it is not told apart.
+
+    What the rig file holds already is corrected with it.
+    """
+    free = [k for k in range(len(measurement.runs)) if not np.any(np.asarray(measurement.conditions.unbalance)[measurement.run == k])]
+    found = diagnosis.inherent or next((run for run in diagnosis.runs for k in free if run.run == measurement.runs[k]), None)
+    if found is None or not found.identifiable or found.unbalance is None or found.unbalance.covariance is None:
+        return ()
+    return _in_every_plane(found.unbalance.pair + held_unbalance(rig), found.unbalance.covariance, rig, measurement, float(rig.model.rotor.mass))
+
+
+def held_unbalance(rig: Rig) -> Float[np.ndarray, "dof"]:
+    """Residual unbalance that the rig file has among its effects [kg m]."""
+    effect = rig.model.find(ResidualUnbalance.name)
+    return np.zeros(2) if effect is None else np.array([float(value) for value in effect.values()])
+
+
+def _in_every_plane(
+    unbalance: Float[np.ndarray, "dof"], covariance: Float[np.ndarray, "dof dof"], rig: Rig, measurement: Measurement, mass: float
+) -> tuple[Correction, ...]:
+    """One correction for each plane. The grade counts at the highest speed of the rig's limits, or else of those measured."""
     limits = measurement.knowledge.limits.speed_rpm
     speed = RPM * (float(measurement.speed_rpm.max()) if limits is None else limits[1])
     return tuple(
-        Correction(name, plane, unbalance / plane.participation, covariance / plane.participation**2, float(fitted.model.rotor.mass), speed, rig.convention)
+        Correction(name, plane, unbalance / plane.participation, covariance / plane.participation**2, mass, speed, rig.convention)
         for name, plane in rig.planes.items()
         if plane.participation != 0.0
     )
+
+
+def balance_lines(found: tuple[Correction, ...]) -> list[str]:
+    """All corrections in sentences."""
+    return [balance_line(one, alone=len(found) > 1) for one in found]
 
 
 def balance_line(correction: Correction, *, alone: bool = False) -> str:

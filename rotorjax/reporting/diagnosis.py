@@ -2,9 +2,25 @@
 
 from typing import Any
 
-from rotorjax.data.rig import Convention
+import numpy as np
+
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.rig import Convention, Rig
 from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
+from rotorjax.effects.excitation import ResidualUnbalance
+from rotorjax.reporting.balance import balance_json, balance_lines, diagnosed_corrections, held_unbalance
+from rotorjax.reporting.comparison import measurement_line
 from rotorjax.reporting.tables import Table, number
+from rotorjax.units import GRAM_MILLIMETRE
+
+
+def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> str:
+    """Everything that `rotorjax diagnose` prints."""
+    parts = [measurement_line(measurement), diagnosis_table(diagnosis, rig.convention).text()]
+    if np.any(held := held_unbalance(rig)):
+        size = f"{number(float(np.hypot(*held)) / GRAM_MILLIMETRE)} g mm at {rig.convention.angle_deg(held) % 360.0:.0f}°"
+        parts.append(f"The rig file holds an unbalance of {size} already, under [effects.{ResidualUnbalance.name}]: what is listed comes on top of it.")
+    return "\n\n".join([*parts, *balance_lines(diagnosed_corrections(diagnosis, rig, measurement))])
 
 
 def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
@@ -42,8 +58,9 @@ def _fault_cells(fault: Fault | None, factor: float, convention: Convention) -> 
     ]
 
 
-def diagnosis_json(diagnosis: Diagnosis, convention: Convention) -> dict[str, Any]:
+def diagnosis_json(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> dict[str, Any]:
     """What ``diagnose --json`` writes."""
+    convention = rig.convention
 
     def fault(found: Fault | None, factor: float) -> dict[str, float | None]:
         if found is None:
@@ -66,4 +83,8 @@ def diagnosis_json(diagnosis: Diagnosis, convention: Convention) -> dict[str, An
             "unbalance_alone_g_mm": fault(found.unbalance_alone, 1e6),
         }
 
-    return {"runs": {r.run: run(r) for r in diagnosis.runs}, "inherent": run(diagnosis.inherent) if diagnosis.inherent else None}
+    return {
+        "runs": {r.run: run(r) for r in diagnosis.runs},
+        "inherent": run(diagnosis.inherent) if diagnosis.inherent else None,
+        "balance": balance_json(diagnosed_corrections(diagnosis, rig, measurement)),
+    }

@@ -11,7 +11,7 @@ from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.model.model import Model
-from rotorjax.reporting.balance import balance_line, corrections, predicted_table
+from rotorjax.reporting.balance import balance_lines, corrections, predicted_table
 from rotorjax.reporting.comparison import findings, measurement_line, share_table, sizes_by_effect, step_tables, worst_cells
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.tables import Table, number
@@ -201,12 +201,11 @@ def before_and_after(found: Explanation) -> tuple[Model, Model]:
     return found.story.model.with_orders(orders), found.model.with_orders(orders)
 
 
-def balance_lines(found: Explanation, rig: Rig | None) -> list[str]:
+def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     """What would balance the rotor, where an unbalance was found."""
-    every = corrections_of(found, rig)
     open_names = {name for group in found.ties.groups() for names in group for name in names}
     doubt = "If it is an unbalance indeed: " if "residual_unbalance" in open_names else ""
-    return [doubt + balance_line(one, alone=len(every) > 1) for one in every]
+    return [doubt + line for line in balance_lines(corrections_of(found, rig))]
 
 
 def corrections_of(found: Explanation, rig: Rig | None) -> tuple[Correction, ...]:
@@ -340,7 +339,7 @@ def explanation_text(found: Explanation, rig: Rig | None = None) -> str:
     """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor."""
     parts = [measurement_line(found.story.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
-    parts += [line for line in (critical_speeds_line(found), *balance_lines(found, rig)) if line]
+    parts += [line for line in (critical_speeds_line(found), *_to_balance(found, rig)) if line]
     parts += [table.text() for table in explanation_tables(found)]
     parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails").text())
     parts.append(cost_line(found))
@@ -369,6 +368,6 @@ def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | N
     told = {"nothing missing": _nothing, "explained": _missing, "undecided": _undecided, "unexplained": _unexplained}[found.verdict](found)
     effects = sizes_by_effect(found.story.fits[-1], found.effects, None if rig is None else rig.convention)
     next_one = [line for line in notes(found) if line.startswith(("Measure next", "No reading within"))]
-    lines = [line for line in (*balance_lines(found, rig), critical_speeds_line(found), *_ties(found), *next_one) if line]
+    lines = [line for line in (*_to_balance(found, rig), critical_speeds_line(found), *_ties(found), *next_one) if line]
     fall = " ".join(filter(None, (_misses(found), _fall(found) if found.effects else "", _left(found))))
     return Headline(found.verdict, told, fall, effects, lines, Picture.every(pictures))

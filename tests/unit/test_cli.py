@@ -88,7 +88,13 @@ def test_diagnose(example, told, capsys):
     assert trial["unbalance_g_mm"]["value"] == pytest.approx(30.0, abs=0.5)
     assert trial["unbalance_g_mm"]["angle_deg"] == pytest.approx(120.0, abs=1.0)
     assert set(found["inherent"]) == set(trial)
-    assert "trial-b" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "trial-b" in said
+    assert re.search(r"The rig file holds an unbalance of [89]\.\d+ g mm at (49|50)° already", said)
+    # What the rig file holds is corrected with what was found on top of it.
+    assert found["balance"]["disk"]["unbalance_g_mm"] == pytest.approx(9.0, abs=0.2)
+    assert found["balance"]["disk"]["correction_angle_deg"] == pytest.approx(230.0, abs=1.5)
+    assert "To balance: " in said
 
 
 def test_simulate_like_and_compare(example, capsys):
