@@ -17,7 +17,7 @@ from pathlib import Path
 import jax
 
 from rotorjax import Explanation, explain, read_measurement, read_rig
-from rotorjax.cli import progress_line, write_report
+from rotorjax.cli import progress_line
 from rotorjax.reporting.explanation import explanation_text, notes, sentence
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.pictures import headline_figure
@@ -41,7 +41,7 @@ def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "ri
     with progress_line() as progress:
         measurement = read_measurement(folder / "measurement.csv", rig)
         found = explain(rig.model, measurement, max_effects=Config().max_effects, progress=lambda line: progress(f"{name}: {line}"))
-    write_report(output / f"{name}.html", found, title=title)
+    found.report(output / f"{name}.html", title=title)
     (output / f"{name}.json").write_text(json.dumps(explanation_json(found), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     rig.write(output / f"{name}_explained.toml", found.model)
     return found

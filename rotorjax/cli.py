@@ -196,26 +196,8 @@ def _write_outputs(options: argparse.Namespace, rig: "Rig", model: "Model", cont
     if options.json:
         _write_json(options.json, content)
     if options.report:
-        write_report(options.report, result, title=title, rig=rig)
+        result.report(options.report, rig, title=title)
         print(f"\nReport: {options.report}")
-
-
-def write_report(path: Path, result: "Story | Explanation", *, title: str, rig: "Rig | None" = None) -> None:
-    """Write the HTML report of a comparison or of an explanation."""
-    from rotorjax.data.files import write_whole
-    from rotorjax.discovery.story import Story
-    from rotorjax.reporting.comparison import comparison_page
-    from rotorjax.reporting.explanation import explanation_page
-    from rotorjax.reporting.page import html_report
-    from rotorjax.reporting.pictures import explanation_pictures, first_pictures, story_pictures
-
-    if isinstance(result, Story):
-        page = comparison_page(
-            result, title=title, pictures=story_pictures(result), first=first_pictures(result), convention=None if rig is None else rig.convention
-        )
-    else:
-        page = explanation_page(result, title=title, pictures=explanation_pictures(result), first=first_pictures(result.story), rig=rig)
-    write_whole(path, html_report(page))
 
 
 def _explain(options: argparse.Namespace) -> None:

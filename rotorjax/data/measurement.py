@@ -9,6 +9,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.errors import InputError
 from rotorjax.model.conditions import Conditions
+from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
 
 MOST_NAMED = 5
@@ -73,7 +74,7 @@ class Knowledge:
 
 
 @dataclasses.dataclass(frozen=True)
-class Measurement:
+class Measurement(Shown):
     """Vibration vectors of a set of runs, dense over case x probe x order, with what was installed in each case."""
 
     runs: tuple[str, ...]
@@ -90,6 +91,39 @@ class Measurement:
     """Standard error of real and of imaginary part [m], where the noise is known."""
     noise: Literal["given", "repeats", "unknown"] = "unknown"
     knowledge: Knowledge = Knowledge()
+
+    @classmethod
+    def from_arrays(  # noqa: PLR0913
+        cls,
+        vectors: Complex[np.ndarray, "case probe order"],
+        conditions: Conditions,
+        *,
+        run: Int[np.ndarray, "case"] | None = None,
+        runs: tuple[str, ...] = ("run",),
+        probes: tuple[str, ...] = ("X", "Y"),
+        orders: tuple[float, ...] = (1.0,),
+        sigma: float | Float[np.ndarray, "case probe order"] | None = None,
+        repeat: tuple[str, ...] | None = None,
+        knowledge: Knowledge = Knowledge(),
+    ) -> "Measurement":
+        """A measurement from arrays.
+
+        **Arguments:** ``vectors`` [m], zero-to-peak, phase leading; not a number where nothing was measured. ``conditions``: speed and what was
+        installed, case by case; ``run``: index into ``runs`` of every case, by default the first; ``sigma`` [m]: standard error of real and of
+        imaginary part, one for all or cell by cell, none where the noise is unknown; ``repeat``: labels of repeated readings.
+        **Errors.** ``ValueError`` for shapes that do not match.
+        """
+        expected = (len(conditions.speed), len(probes), len(orders))
+        if vectors.shape != expected:
+            raise ValueError(f"vectors have shape {vectors.shape}; {expected[0]} conditions, {expected[1]} probes and {expected[2]} orders need {expected}")
+        index = np.zeros(len(vectors), int) if run is None else run
+        if len(index) != len(vectors) or np.any((index < 0) | (index >= len(runs))):
+            raise ValueError(f"run {int(np.max(index, initial=0))} is not among {', '.join(runs)}: give each of {len(vectors)} cases the index of its run")
+        present = np.isfinite(vectors)
+        return cls(
+            runs, probes, orders, index, repeat or ("",) * len(vectors), conditions, np.where(present, vectors, 0.0), present,
+            None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy(), "unknown" if sigma is None else "given", knowledge,
+        )  # fmt: skip
 
     @property
     def probes_read(self) -> tuple[str, ...]:

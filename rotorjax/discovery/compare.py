@@ -11,6 +11,7 @@ from rotorjax.inference.noise import reduced_chi2
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
+from rotorjax.shown import Shown
 from rotorjax.units import MICROMETRE
 
 
@@ -40,7 +41,7 @@ class Cell(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """Residuals of a model against a measurement."""
 
     measurement: Measurement

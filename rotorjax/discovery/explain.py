@@ -32,6 +32,7 @@ from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
+from rotorjax.shown import Reported
 from rotorjax.units import MICROMETRE
 
 UNEXPLAINED = 0.01
@@ -75,7 +76,7 @@ class Small(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Explanation:
+class Explanation(Reported):
     """What `explain` found."""
 
     verdict: Verdict

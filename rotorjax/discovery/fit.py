@@ -36,6 +36,7 @@ from rotorjax.inference.noise import (
 from rotorjax.inference.space import Entry, Space, make_space, with_company
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
+from rotorjax.shown import Shown
 from rotorjax.units import MICROMETRE
 
 NORMAL_QUANTILE = 1.96
@@ -65,7 +66,7 @@ class Estimate(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Fit:
+class Fit(Shown):
     """A fitted model, its parameters with standard errors, and how well it holds on data that it did not see."""
 
     model: Model

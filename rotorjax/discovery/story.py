@@ -15,6 +15,7 @@ from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.physics.stability import steadiness
 from rotorjax.physics.steady_state import is_timed
+from rotorjax.shown import Reported
 from rotorjax.units import MICROMETRE
 
 CORRELATED = 0.95
@@ -22,7 +23,7 @@ CORRELATED = 0.95
 
 
 @dataclasses.dataclass(frozen=True)
-class Story:
+class Story(Reported):
     """A model compared as declared, and after every effect added."""
 
     model: Model

@@ -11,6 +11,7 @@ from jax import Array
 from jaxtyping import Float
 
 from rotorjax.arrays import Numbers, as_float
+from rotorjax.shown import Shown
 
 if TYPE_CHECKING:
     # A type checker takes equinox's own for instance variables.
@@ -27,7 +28,7 @@ def _float_or_none(value: Numbers | None) -> Array | None:
     return None if value is None else as_float(value)
 
 
-class Model(eqx.Module):
+class Model(eqx.Module, Shown):
     """A rotor, how it is read, where weights sit on it, and the effects added to it.
 
     ``model + effect`` adds an effect. Effects are kept by name, so that every order of adding gives the same

@@ -20,6 +20,8 @@ from rotorjax.units import MICROMETRE
 CURVE_POINTS = 241
 MOST_RUNS = 4
 """Runs in one Bode plot: more cannot be told apart."""
+MOST_SHOWN = 6
+"""Effects in a picture of probabilities."""
 
 
 def story_pictures(story: Story) -> list[tuple[str, bytes]]:
@@ -40,7 +42,7 @@ def first_pictures(story: Story) -> list[tuple[str, bytes]]:
     if not story.changed:
         return [("Amplitude over speed: measured (dots) and the model (line).", plots.svg(before_after))]
     drawn, (axes,) = plots.figure(5.4, 2.5)
-    _draw_fall(axes, story, short=True)
+    draw_fall(axes, story, short=True)
     return [
         ("Amplitude over speed: measured (dots), the model as declared (dashed) and with what was added (line).", plots.svg(before_after)),
         ("The error as effects were added; diamonds: on data held out.", plots.svg(drawn)),
@@ -72,7 +74,7 @@ def headline_figure(story: Story) -> Figure:
     drawn, (before, fall, after) = plots.figure(15.0, 4.4, 1, 3)
     probe, order = m.probes_read[-1], m.orders[0]
     plots.polar(before, story.declared, probe=probe, order=order).set_title("as declared")
-    _draw_fall(fall, story, short=True)
+    draw_fall(fall, story, short=True)
     plots.polar(after, story.last, probe=probe, order=order).set_title("with what was added")
     before.legend(fontsize=8)
     return drawn
@@ -80,17 +82,18 @@ def headline_figure(story: Story) -> Figure:
 
 def _fall(story: Story) -> Figure:
     drawn, (axes,) = plots.figure(9.2, 3.4)
-    _draw_fall(axes, story)
+    draw_fall(axes, story)
     return drawn
 
 
-def _draw_fall(axes: Axes, story: Story, *, short: bool = False) -> None:
+def draw_fall(axes: Axes, story: Story, *, short: bool = False) -> Axes:
+    """The error step by step; ``short``: names of effects in several lines."""
     rows = steps(story)
     labels = [label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)]
     if short:
         labels = [label.replace("_", "\n") for label in labels]
     held = [f.held_out_rms / MICROMETRE if f and f.held_out_rms is not None else None for _, f in rows]
-    plots.error_fall(axes, labels, [view.rms / MICROMETRE for view, _ in rows], held, noise_um=story.noise_um())
+    return plots.error_fall(axes, labels, [view.rms / MICROMETRE for view, _ in rows], held, noise_um=story.noise_um())
 
 
 def shown_runs(view: Comparison) -> list[str]:
@@ -116,24 +119,30 @@ def _curve(model: Model, m: Measurement, run: str, speeds: Float[np.ndarray, "sp
     return np.asarray(response(model.with_orders(m.orders), conditions))
 
 
-def _first_order(m: Measurement) -> float:
+def first_order(m: Measurement) -> float:
+    """1X, or the lowest order measured."""
     return 1.0 if 1.0 in m.orders else m.orders[0]
 
 
 def _before_after(story: Story) -> Figure:
+    drawn, (axes,) = plots.figure(5.4, 2.9)
+    draw_before_after(axes, story)
+    return drawn
+
+
+def draw_before_after(axes: Axes, story: Story, *, run: str | None = None, probe: str | None = None, order: float | None = None) -> Axes:
+    """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what was added."""
     m, speeds = story.measurement, _speeds(story.measurement)
-    run, probe, order = shown_runs(story.last)[0], m.probes_read[-1], _first_order(m)
+    run, probe, order = run or shown_runs(story.last)[0], probe or m.probes_read[-1], first_order(m) if order is None else order
     models = {"as declared": story.model, "with what was added": story.final_model} if story.changed else {"model": story.final_model}
     at = m.probes.index(probe), m.orders.index(order)
     curves = {name: np.abs(_curve(model, m, run, speeds)[:, *at]) for name, model in models.items()}
-    drawn, (axes,) = plots.figure(5.4, 2.9)
-    plots.before_after(axes, story.last, run=run, probe=probe, order=order, speeds_rpm=speeds, curves=curves)
-    return drawn
+    return plots.before_after(axes, story.last, run=run, probe=probe, order=order, speeds_rpm=speeds, curves=curves)
 
 
 def _bode(story: Story) -> Figure:
     view, m = story.last, story.measurement
-    runs, speeds, order = shown_runs(view), _speeds(m), _first_order(m)
+    runs, speeds, order = shown_runs(view), _speeds(m), first_order(m)
     curves = {run: _curve(story.final_model, m, run, speeds) for run in runs}
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 5.4, 2, count)
@@ -148,7 +157,7 @@ def _bode(story: Story) -> Figure:
 
 def _polar(story: Story) -> Figure:
     m = story.measurement
-    order = _first_order(m)
+    order = first_order(m)
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
     for each, probe in zip(axes, m.probes_read, strict=True):
@@ -168,3 +177,61 @@ def _maps(story: Story) -> Figure:
         plots.residual_map(each, view, limits_um=limits)
         each.set_title(title, fontsize=10)
     return drawn
+
+
+class Plots:
+    """Pictures of a comparison or an explanation. Every one returns its axes, new ones where none are given."""
+
+    def __init__(self, result: Explanation | Story) -> None:
+        self._found = result if isinstance(result, Explanation) else None
+        self._story = result.story if isinstance(result, Explanation) else result
+
+    def error(self, ax: Axes | None = None) -> Axes:
+        """The error step by step, with that on data held out."""
+        return draw_fall(ax or _new(5.6, 3.2), self._story, short=True)
+
+    def bode(self, ax: Axes | None = None, *, run: str | None = None, probe: str | None = None, order: float | None = None) -> Axes:
+        """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what was added."""
+        return draw_before_after(ax or _new(5.6, 3.2), self._story, run=run, probe=probe, order=order)
+
+    def polar(self, ax: Axes | None = None, *, probe: str | None = None, order: float | None = None, declared: bool = False) -> Axes:
+        """Vectors in the complex plane, each tied to where the model puts it; ``declared``: the model before anything was added."""
+        m, view = self._story.measurement, self._story.declared if declared else self._story.last
+        axes = plots.polar(ax or _new(4.6, 4.4), view, probe=probe or m.probes_read[-1], order=first_order(m) if order is None else order)
+        axes.legend(fontsize=8)
+        return axes
+
+    def residuals(self, ax: Axes | None = None, *, declared: bool = False) -> Axes:
+        """Size of the residual by run, speed and probe."""
+        return plots.residual_map(ax or _new(7.0, 3.2), self._story.declared if declared else self._story.last)
+
+    def probabilities(self, ax: Axes | None = None, *, step: int = 0) -> Axes:
+        """What would be added at a step, 0 the first, "none" among it."""
+        ranked = self._explanation("probabilities").rankings[step][:MOST_SHOWN]
+        return plots.probabilities(ax or _new(5.6, 2.6), [r.effect for r in ranked], [r.probability for r in ranked])
+
+    def missing_force(self, ax: Axes | None = None, *, axis: str = "x", over: str = "displacement") -> Axes:
+        """The force that is missing along x or y, over displacement, velocity or angle. **Errors.** ``ValueError`` where it was not looked into."""
+        named = self._explanation("the missing force").named_force
+        if named is None or named.force.reason is not None:
+            raise ValueError(f"no missing force to show: {'it was not looked into' if named is None else named.force.reason}")
+        return plots.missing_force(ax or _new(5.6, 3.4), named.force, over=over, dof="xy".index(axis))  # pyright: ignore
+
+    def correlations(self, ax: Axes | None = None) -> Axes:
+        """Correlations of the parameters fitted last. **Errors.** ``ValueError`` where nothing was fitted."""
+        if not self._story.fits or not self._story.fits[-1].estimates:
+            raise ValueError("nothing was fitted: there are no correlations to show")
+        last = self._story.fits[-1]
+        unknowns = {e.entry.unknown: e.entry.key for e in last.estimates}
+        part = last.covariance[np.ix_(list(unknowns), list(unknowns))]
+        spread = np.sqrt(np.diag(part))
+        return plots.correlations(ax or _new(5.2, 4.6), list(unknowns.values()), part / spread[:, None] / spread)
+
+    def _explanation(self, what: str) -> Explanation:
+        if self._found is None:
+            raise ValueError(f"a comparison has no {what}: explain finds that")
+        return self._found
+
+
+def _new(width: float, height: float) -> Axes:
+    return plots.figure(width, height)[1][0]

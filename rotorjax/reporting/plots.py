@@ -162,6 +162,27 @@ def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: 
     return axes
 
 
+def probabilities(axes: Axes, effects: list[str], values: list[float]) -> Axes:
+    """How probable each of some effects is, the most probable on top; "none" in grey."""
+    at = np.arange(len(effects))[::-1]
+    axes.barh(at, values, color=["0.65" if name == "none" else COLOURS[0] for name in effects])
+    for y, value in zip(at, values, strict=True):
+        axes.annotate(f"{100.0 * value:.1f} %" if value > 5e-4 else "< 0.1 %", (value, y), textcoords="offset points", xytext=(4, 0), va="center", fontsize=8)
+    axes.set_yticks(at, effects)
+    axes.set(xlabel="probability", xlim=(0.0, 1.15))
+    return axes
+
+
+def correlations(axes: Axes, names: list[str], matrix: Float[np.ndarray, "param param"]) -> Axes:
+    """Correlations of fitted parameters: red together, blue against one another."""
+    image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    if axes.figure is not None:
+        axes.figure.colorbar(image, ax=axes, label="correlation")
+    return axes
+
+
 def error_cloud(axes: Axes, errors: Float[np.ndarray, "sample"], *, label: str, rms: float) -> Axes:
     """Errors of one fault component case by case, with their root mean square as a band."""
     axes.plot(np.arange(1, len(errors) + 1), errors, ".", color=COLOURS[0], markersize=2.0, rasterized=True)

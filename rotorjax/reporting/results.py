@@ -1,0 +1,118 @@
+"""Results as people hold them: a summary, a report, pictures by name, and what a notebook shows."""
+
+import html as escaping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotorjax.data.files import write_whole
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.rig import Rig
+from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.fit import Fit
+from rotorjax.discovery.story import Story
+from rotorjax.model.model import Model
+from rotorjax.reporting import pictures
+from rotorjax.reporting.comparison import comparison_page, comparison_text, measurement_line, parameter_table, share_table, sizes_by_effect, worst_cells
+from rotorjax.reporting.explanation import explanation_page, explanation_text, headline
+from rotorjax.reporting.page import Headline, html_report
+from rotorjax.reporting.tables import Table, number
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM, unit_of
+
+COLOURS = {"explained": "#23703f", "nothing missing": "#23703f", "undecided": "#9a6100", "unexplained": "#ab2b2b"}
+"""Of a verdict, as in the report."""
+
+
+def summary(result: Any, rig: Rig | None = None) -> str:
+    """What the command line prints of a result."""
+    if isinstance(result, Explanation):
+        return explanation_text(result, rig)
+    if isinstance(result, Story):
+        return comparison_text(result)
+    if isinstance(result, Measurement):
+        return measurement_line(result)
+    return "\n\n".join([*([] if isinstance(result, Model) else [repr(result)]), *(table.text() for table in _tables(result))])
+
+
+def write_report(path: Path, result: Explanation | Story, rig: Rig | None = None, *, title: str = "") -> Path:
+    """Write the HTML report of a comparison or of an explanation."""
+    if isinstance(result, Story):
+        first, convention = pictures.first_pictures(result), None if rig is None else rig.convention
+        page = comparison_page(result, title=title or "Model against measurement", pictures=pictures.story_pictures(result), first=first, convention=convention)
+    else:
+        first, every = pictures.first_pictures(result.story), pictures.explanation_pictures(result)
+        page = explanation_page(result, title=title or "What the model lacks", pictures=every, first=first, rig=rig)
+    write_whole(path, html_report(page))
+    return path
+
+
+def html(result: Any) -> str:
+    """What a notebook shows of a result."""
+    if isinstance(result, Explanation):
+        return _headline(headline(result, []))
+    if isinstance(result, Story):
+        names = tuple(dict.fromkeys(result.additions))
+        found = sizes_by_effect(result.fits[-1], names, None) if result.fits else []
+        return _headline(Headline("compared", comparison_text(result).split("\n\n")[1], "", found, [], []))
+    line = "" if isinstance(result, Model) else measurement_line(result) if isinstance(result, Measurement) else repr(result)
+    return (f"<p>{escaping.escape(line)}</p>" if line else "") + "".join(_table(table) for table in _tables(result))
+
+
+def _headline(top: Headline) -> str:
+    """Verdict, sizes and what to do, without pictures."""
+    style = f"color:#fff;background:{COLOURS.get(top.verdict, '#516170')};padding:.1em .6em;border-radius:.3em"
+    badge = f'<span style="{style}"><b>{escaping.escape(top.verdict)}</b></span>'
+    rows = [[name, size.what, size.value] for name, _, found in top.effects for size in found]
+    sizes = _table(Table("", ["effect", "size of", "value (95 % interval)"], rows)) if rows else ""
+    lines = "".join(f"<p>{escaping.escape(line)}</p>" for line in (top.fall, *top.lines) if line)
+    return f"{badge} {escaping.escape(top.sentence)}{sizes}{lines}"
+
+
+def _table(table: Table) -> str:
+    heads = "".join(f'<th style="text-align:left">{escaping.escape(head)}</th>' for head in table.headers)
+    rows = "".join("<tr>" + "".join(f'<td style="text-align:left">{escaping.escape(cell)}</td>' for cell in row) + "</tr>" for row in table.rows)
+    caption = f"<caption>{escaping.escape(table.title)}</caption>" if table.title else ""
+    return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _tables(result: Any) -> list[Table]:
+    """What there is to say of a fit, a comparison, a model or a measurement in tables."""
+    if isinstance(result, Fit):
+        return [parameter_table(result)] if result.estimates else []
+    if isinstance(result, Comparison):
+        return [worst_cells(result, "Where the model fails"), share_table(result, "Share of the misfit")]
+    if isinstance(result, Measurement):
+        return [_runs(result)]
+    return [_effects(result)]
+
+
+def _runs(m: Measurement) -> Table:
+    """Runs of a measurement: speeds, size, what was installed."""
+    rows = []
+    for k, run in enumerate(m.runs):
+        cases = m.run == k
+        speed, there = m.speed_rpm[cases], np.abs(m.vectors[cases][m.present[cases]])
+        installed = np.linalg.norm(np.asarray(m.conditions.unbalance)[cases][0], axis=-1) / GRAM_MILLIMETRE
+        size, speeds = number(float(np.sqrt(np.mean(there**2))) / MICROMETRE), f"{speed.min():.0f} to {speed.max():.0f}"
+        rows.append([run, str(int(cases.sum())), speeds, size, ", ".join(map(number, installed))])
+    return Table("Runs", ["run", "readings", "rpm", "µm rms", "installed g mm"], rows)
+
+
+def _effects(model: Model) -> Table:
+    """Rotor and effects of a model, in the units that people read."""
+    rotor = model.rotor
+    nominal = np.sqrt(np.asarray(rotor.stiffness) / float(rotor.mass)) / RPM
+    rows = [
+        ["rotor", "mass", number(float(rotor.mass)), "kg"],
+        *(["rotor", f"stiffness {axis}", number(float(k)), "N/m"] for axis, k in zip("xy", np.asarray(rotor.stiffness), strict=True)),
+        *(["rotor", f"natural frequency {axis}", number(float(n), 4), "rpm"] for axis, n in zip("xy", nominal, strict=True)),
+    ]
+    for effect in model.effects:
+        labels = [label for p in effect.parameters() for label in p.labels(model.layout)]
+        values = [float(v) for value in effect.values() for v in np.asarray(value).ravel()]
+        for label, value in zip(labels, values, strict=True):
+            unit = unit_of(label.split(".")[0])
+            rows.append([effect.name, label, number(value / unit.factor), unit.shown])
+    return Table("Rotor and effects", ["part", "parameter", "value", "unit"], rows)

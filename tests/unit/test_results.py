@@ -1,0 +1,100 @@
+"""Results that can be held: summary, report, pictures by name, HTML for notebooks. Hostile names stay harmless."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, response, tell
+
+RUNS = ("<script>", "trial")
+SPEEDS = np.array([900.0, 1400.0, 1900.0, 2400.0, 2900.0])
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[Model, Measurement]:
+    """9 g mm at 50° hidden in a rotor with two probes; a trial weight in the second run."""
+    model, rng = Model(Jeffcott(0.9, [5e4, 4.5e4], [0.02, 0.02]), layout=Layout()), np.random.default_rng(3)
+    unbalance = np.repeat([[[0.0, 0.0]], [[2e-5, 0.0]]], len(SPEEDS), axis=0)
+    conditions = Conditions.at_rpm(np.tile(SPEEDS, 2), unbalance=unbalance)
+    z = np.asarray(response(model + effects.ResidualUnbalance(5.8e-6, 6.9e-6), conditions))
+    sigma = 0.01 * float(np.median(np.abs(z)))
+    z = z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    return model, Measurement.from_arrays(z, conditions, run=np.repeat([0, 1], len(SPEEDS)), runs=RUNS, sigma=sigma)
+
+
+@pytest.fixture(scope="module")
+def found(measured):
+    return explain(*measured, only=["residual_unbalance", "cross_coupling", "residual_bow"], thorough=False)
+
+
+@pytest.fixture(scope="module")
+def story(measured):
+    return tell(*measured, [effects.ResidualUnbalance()])
+
+
+def test_from_arrays_fills_in_what_is_usual(measured):
+    _, m = measured
+    assert (m.probes, m.orders, m.noise) == (("X", "Y"), (1.0,), "given")
+    assert m.present.all()
+    assert m.sigma is not None
+    assert m.sigma.shape == m.vectors.shape
+    assert Measurement.from_arrays(m.vectors, m.conditions).runs == ("run",)
+    assert Measurement.from_arrays(m.vectors, m.conditions).noise == "unknown"
+    missing = np.where(np.arange(len(m.vectors))[:, None, None] == 0, np.nan, m.vectors)
+    assert not Measurement.from_arrays(missing, m.conditions).present[0].any()
+    with pytest.raises(ValueError, match="vectors have shape"):
+        Measurement.from_arrays(m.vectors[:5], m.conditions)
+    with pytest.raises(ValueError, match="run 2 is not among"):
+        Measurement.from_arrays(m.vectors, m.conditions, run=np.full(len(m.vectors), 2), runs=RUNS)
+
+
+def test_summaries_say_what_the_command_line_says(found, story, measured):
+    assert "Missing: residual_unbalance." in found.summary()
+    assert "Critical speeds: " in found.summary()
+    assert "residual_unbalance.unbalance_x_kg_m" in story.summary()
+    assert "residual_unbalance.unbalance_x_kg_m" in story.fits[-1].summary()
+    assert "natural frequency x" in measured[0].summary()
+    assert measured[1].summary().startswith("2 runs, 900 to 2900 rpm")
+    assert "Where the model fails" in story.declared.summary()
+
+
+def test_a_notebook_shows_results_and_escapes_names(found, story, measured):
+    shown = [result._repr_html_() for result in (found, story, story.fits[-1], story.declared, *measured)]
+    assert "g mm at 50" in shown[0]
+    assert "explained" in shown[0]
+    assert all("<script>" not in text for text in shown)
+    assert "&lt;script&gt;" in shown[-1]
+
+
+def test_reports_are_written_where_asked(found, story, tmp_path):
+    for result in (found, story):
+        path = result.report(tmp_path / "report.html", title="<b>mine</b>")
+        text = path.read_text()
+        assert "&lt;b&gt;mine" in text
+        assert "<script" not in text
+
+
+@pytest.mark.parametrize("name", ["error", "bode", "polar", "residuals", "correlations"])
+def test_pictures_have_labels_and_are_drawn_where_asked(found, story, name):
+    for result in (found, story):
+        axes = getattr(result.plot, name)()
+        assert getattr(result.plot, name)(axes) is axes
+        assert axes.has_data()
+        assert axes.get_ylabel() or axes.get_yticklabels()
+
+
+def test_probabilities_name_effects_and_none(found, story):
+    labels = [label.get_text() for label in found.plot.probabilities().get_yticklabels()]
+    assert labels[0] == "residual_unbalance"
+    assert "none" in labels
+    with pytest.raises(ValueError, match="explain finds that"):
+        story.plot.probabilities()
+
+
+def test_what_was_not_looked_into_is_said(found):
+    with pytest.raises(ValueError, match="not looked into"):
+        found.plot.missing_force()
+    bare = dataclasses.replace(found.story, fits=())
+    with pytest.raises(ValueError, match="nothing was fitted"):
+        bare.plot.correlations()
