@@ -37,7 +37,7 @@ def outside() -> tuple[Model, Measurement]:
     run = np.repeat(np.arange(2), len(speeds))
     conditions = Conditions.at(np.tile(speeds, 2), unbalance=weights[run][:, None])
     nothing = np.zeros((len(run), 2, len(ORDERS)), complex)
-    plan = Measurement(("baseline", "trial"), ("X", "Y"), ORDERS, run, ("",) * len(run), conditions, nothing, nothing == 0.0, None, "unknown")
+    plan = Measurement.from_arrays(nothing, conditions, run=run, runs=("baseline", "trial"), orders=ORDERS)
     return model, noisy(model + TERMS["term_cubic_x"](3e10), plan, noise_um=NOISE_UM, seed=5)
 
 

@@ -44,7 +44,7 @@ def sixty_conditions(hidden: str = "cross_coupling") -> tuple[Model, Measurement
     z = z + SIGMA * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
     present = np.ones(z.shape, bool)
     runs = ("baseline", "trial-a", "trial-b", "trial-c")
-    return model, Measurement(runs, ("X", "Y"), (1.0,), run, ("",) * 60, conditions, z, present, np.full(z.shape, SIGMA), "given")
+    return model, Measurement.from_arrays(np.where(present, z, np.nan), conditions, run=run, runs=runs, sigma=SIGMA)
 
 
 LINEAR = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | WaveformEffect)}

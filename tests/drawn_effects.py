@@ -217,8 +217,7 @@ def _measured(rng: np.random.Generator, hidden: tuple[str, ...], handicap: str) 
     installed = np.array([[[w.real, w.imag]] for w in weights])[run]
     conditions = Conditions.at(np.tile(speeds, len(weights)), unbalance=installed)
     names = tuple(f"run{k}" for k in range(len(weights)))
-    there, errors = np.ones(noisy.shape, bool), np.full(noisy.shape, sigma)
-    measurement = Measurement(names, ("X", "Y"), orders, run, ("",) * len(run), conditions, noisy, there, errors, "given")
+    measurement = Measurement.from_arrays(noisy, conditions, run=run, runs=names, orders=orders, sigma=sigma)
     every = list(range(len(run)))
     measurement = {
         "none": lambda: measurement,

@@ -118,7 +118,5 @@ def measured(drawn: Drawn) -> tuple[Model, Measurement]:
     run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
     unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
     conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance)
-    shape = drawn.vectors.shape
-    there, sigma = np.ones(shape, bool), np.full(shape, plan.sigma)
-    measurement = Measurement(tuple(plan.weights), ("X", "Y"), orders, run, ("",) * len(run), conditions, drawn.vectors, there, sigma, "given")
+    measurement = Measurement.from_arrays(drawn.vectors, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma)
     return Model(rotor, layout=Layout(orders=orders)), measurement

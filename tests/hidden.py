@@ -113,5 +113,5 @@ def sufficient(cls, *, seed: int, factor: float = 1.0, machine: Machine = Machin
     installed = np.array([[[w.real, w.imag] for w in planes] for planes in weights.values()])[run]
     conditions = Conditions.at(np.tile(speeds, plan.runs), unbalance=installed)
     present = np.ones(z.shape, bool)
-    measurement = Measurement(tuple(weights), ("X", "Y"), plan.orders, run, ("",) * len(run), conditions, z, present, np.full(z.shape, done.sigma), "given")
+    measurement = Measurement.from_arrays(np.where(present, z, np.nan), conditions, run=run, runs=tuple(weights), orders=plan.orders, sigma=done.sigma)
     return model, measurement, values

@@ -34,10 +34,8 @@ def measured(forces: tuple[in_time.Force, ...], plan: Plan, rng: np.random.Gener
     installed = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
     conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=installed)
     orders = tuple(float(n) for n in plan.orders)
-    everywhere, sigma = np.ones(z.shape, bool), np.full(z.shape, plan.sigma)
-    return Model(rotor, layout=Layout(orders=orders)), Measurement(
-        tuple(plan.weights), ("X", "Y"), orders, run, ("",) * len(run), conditions, z, everywhere, sigma, "given"
-    )
+    measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma)
+    return Model(rotor, layout=Layout(orders=orders)), measurement
 
 
 def sufficient(cls, *, seed: int, factor: float = 1.0, gravity: tuple[float, float] | None = None):

@@ -54,7 +54,7 @@ def measure(force: in_time.Force, *, left_out: complex = 0.0) -> Measurement:
     run = np.repeat(np.arange(len(WEIGHTS)), len(SPEEDS))
     weights = np.array([[[w.real, w.imag] for w in planes] for planes in WEIGHTS.values()])[run]
     conditions = Conditions.at(np.tile(SPEEDS, len(WEIGHTS)), unbalance=weights)
-    return Measurement(tuple(WEIGHTS), ("X", "Y"), ORDERS, run, ("",) * len(run), conditions, z, np.ones(z.shape, bool), np.full(z.shape, SIGMA), "given")
+    return Measurement.from_arrays(z, conditions, run=run, runs=tuple(WEIGHTS), orders=ORDERS, sigma=SIGMA)
 
 
 def assert_near(found: dict[str, float], expected: dict[str, float], share: float) -> None:

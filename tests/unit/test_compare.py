@@ -18,9 +18,7 @@ def measurement_of(z, *, sigma=1e-6, orders=(1.0,), runs=None, speeds=None, **ch
     speeds = 1000.0 + 100.0 * np.arange(len(z)) if speeds is None else speeds
     names = tuple("abcdefghijklmnopqrstuvwxyz"[: runs.max() + 1])
     given = None if sigma is None else np.full(z.shape, sigma)
-    made = Measurement(
-        names, ("X", "Y"), orders, runs, ("",) * len(z), Conditions.at_rpm(speeds), z, np.ones(z.shape, bool), given, "given" if sigma else "unknown"
-    )
+    made = Measurement.from_arrays(z, Conditions.at_rpm(speeds), run=runs, runs=names, orders=orders, sigma=given)
     return dataclasses.replace(made, **changes)
 
 

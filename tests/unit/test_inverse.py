@@ -22,7 +22,7 @@ def measure(rotor, speeds_rpm, *, sigma=0.1e-6, installed=None, seed=0, **settin
     rng = np.random.default_rng(seed)
     z = clean + sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
     conditions = Conditions.at_rpm(speeds, unbalance=known[:, None, :2], bow=known[:, 2:])
-    return Measurement(tuple(FAULTS), ("X", "Y"), (1.0,), runs, ("",) * len(runs), conditions, z, np.ones(z.shape, bool), np.full(z.shape, sigma), "given")
+    return Measurement.from_arrays(z, conditions, run=runs, runs=tuple(FAULTS), sigma=sigma)
 
 
 def test_several_speeds(paper_rotor):

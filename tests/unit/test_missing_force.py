@@ -31,9 +31,7 @@ def measured(model: Model, *, sigma: float | None = SIGMA) -> Measurement:
     conditions = Conditions.at(np.tile(SPEEDS, 2), unbalance=weights, bow=[4e-6, -2e-6])
     z = np.asarray(response(model, conditions))
     orders, errors = model.layout.orders, None if sigma is None else np.full(z.shape, sigma)
-    return Measurement(
-        ("one", "two"), ("X", "Y"), orders, run, ("",) * len(run), conditions, z, np.ones(z.shape, bool), errors, "given" if sigma else "unknown"
-    )
+    return Measurement.from_arrays(z, conditions, run=run, runs=("one", "two"), orders=orders, sigma=errors)
 
 
 CRANKED = {"probes": dataclasses.replace(rotor().probes, angle=jnp.array([0.6, 2.4]))}
