@@ -2,7 +2,8 @@
 
 Every program runs in a fresh process, which reports the time of its first call, the best of several later ones and the
 largest memory that the process held; the features of all three are compared on the same faults first. The loop runs
-10,000 cases, and its other times are that one in proportion. Then writing and reading back files. Ratios count, not seconds.
+10,000 cases, and its other times are that one in proportion. Then writing and reading back files. Ratios count, not
+seconds.
 
     python benchmarks/dataset.py
 """
@@ -70,7 +71,9 @@ def loop_case(unbalance: complex, bow: complex) -> tuple[float, float, float, fl
     return x.real, -x.imag, y.imag, y.real
 
 
-def loop_dataset(count: int, seed: int = 0) -> list[tuple[tuple[float, float, float, float], tuple[float, float, float, float]]]:
+def loop_dataset(
+    count: int, seed: int = 0
+) -> list[tuple[tuple[float, float, float, float], tuple[float, float, float, float]]]:
     draw = random.Random(seed).random
     cases = []
     for _ in range(count):
@@ -125,7 +128,9 @@ def peak_mb() -> float:
     """
     status = Path("/proc/self/status")
     if status.exists():
-        return next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmHWM")) / 1024.0
+        return (
+            next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmHWM")) / 1024.0
+        )
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024.0**2 if sys.platform == "darwin" else 1024.0)
 
 
@@ -157,7 +162,8 @@ def rows() -> list[list[str]]:
             [
                 f"{count:.0e}".replace("+0", ""), number(mine["first"]), number(mine["best"]), number(peer["best"]),
                 number(slow) + ("" if count == LOOP_COUNT else " (extrapolated)"),
-                number(peer["best"] / mine["best"]), number(slow / mine["best"]), number(mine["peak"]), number(peer["peak"]),
+                number(peer["best"] / mine["best"]), number(slow / mine["best"]), number(mine["peak"]),
+                number(peer["peak"]),
             ]
         )  # fmt: skip
     return table
@@ -168,13 +174,26 @@ def file_rows() -> list[list[str]]:
     told = fresh("files")
     size, peak = number(told["bytes"] / FILES_COUNT), number(told["peak"])
     return [
-        [what, number(told[what]), number(FILES_COUNT / told[what] / 1e6), size, peak, number(told[what] * 1e8 / FILES_COUNT)] for what in ("write", "read")
+        [
+            what,
+            number(told[what]),
+            number(FILES_COUNT / told[what] / 1e6),
+            size,
+            peak,
+            number(told[what] * 1e8 / FILES_COUNT),
+        ]
+        for what in ("write", "read")
     ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("program", nargs="?", choices=("agree", "rotorjax", "numpy", "loop", "files"), help="one program in this process, as JSON")
+    parser.add_argument(
+        "program",
+        nargs="?",
+        choices=("agree", "rotorjax", "numpy", "loop", "files"),
+        help="one program in this process, as JSON",
+    )
     parser.add_argument("count", nargs="?", type=int, default=COUNTS[0])
     arguments = parser.parse_args()
     if arguments.program == "agree":
@@ -185,9 +204,26 @@ def main() -> None:
     elif arguments.program:
         print(json.dumps(timed(arguments.program, arguments.count)))
     else:
-        heads = ["cases", "first s", "rotorjax s", "NumPy s", "loop s", "NumPy / ours", "loop / ours", "rotorjax MB", "NumPy MB"]
+        heads = [
+            "cases",
+            "first s",
+            "rotorjax s",
+            "NumPy s",
+            "loop s",
+            "NumPy / ours",
+            "loop / ours",
+            "rotorjax MB",
+            "NumPy MB",
+        ]
         print(Table("Fault cases with features, in memory", heads, rows()).text(), end="\n\n")
-        heads = [f"{FILES_COUNT / 1e6:g}e6 cases", "s", "1e6 cases/s", "bytes/case", "peak MB", "s for 1e8, in proportion"]
+        heads = [
+            f"{FILES_COUNT / 1e6:g}e6 cases",
+            "s",
+            "1e6 cases/s",
+            "bytes/case",
+            "peak MB",
+            "s for 1e8, in proportion",
+        ]
         print(Table(f"Files, {CHUNK:,} cases each", heads, file_rows()).text())
 
 

@@ -1,7 +1,8 @@
-"""The whole of `explain`, first and again in one process: a linear effect, a force outside the catalogue, and the RK4 measurements.
+"""The whole of `explain`, first and again in one process: a linear effect, a force outside the catalogue, and the RK4
+measurements.
 
-Everything in it: held-out error, p-value, ties, the missing force. Called by `benchmarks/run.py`, each in a process of its own
-with an empty compilation cache; as a program it prints both times.
+Everything in it: held-out error, p-value, ties, the missing force. Called by `benchmarks/run.py`, each in a process of
+its own with an empty compilation cache; as a program it prints both times.
 
     python benchmarks/explaining.py rk4
 """

@@ -1,8 +1,9 @@
-"""The whole of `explain` on effects drawn by seed, one or two, with machine, plan, noise and what is poor about the measurement.
+"""The whole of `explain` on effects drawn by seed, one or two, with machine, plan, noise and what is poor about the
+measurement.
 
-Motion is integrated in time by code that shares nothing with rotorjax. A confident wrong answer is the worst defect: it is called
-WRONG, and the script exits with 1 if there is one. Seeds below 730 were looked at while the method was made. Some half
-an hour; prints a line for each and writes a table.
+Motion is integrated in time by code that shares nothing with rotorjax. A confident wrong answer is the worst defect: it
+is called WRONG, and the script exits with 1 if there is one. Seeds below 730 were looked at while the method was made.
+Some half an hour; prints a line for each and writes a table.
 
     python benchmarks/explanations.py --output benchmarks/results
 """
@@ -24,13 +25,14 @@ from rotorjax.reporting.tables import number
 
 from drawn_effects import Hidden, draw
 
-ABOUT = """One effect of the catalogue or two, or none, drawn by seed with machine, plan, noise and what is poor about the measurement; integrated in time.
-Seeds below 730 were looked at while the method was made.
+ABOUT = """One effect of the catalogue or two, or none, drawn by seed with machine, plan, noise and what is poor about
+the measurement; integrated in time. Seeds below 730 were looked at while the method was made.
 
-*Right*: "explained" by what is hidden, or "nothing missing" where nothing is. *Right but for the small*: a part is named, and it leaves no more than the noise.
-*Among what is open*: "undecided", and the hidden effects are the answer or one that the data cannot tell from it. *Left open*: "undecided" or "unexplained",
-without them. *In other words*: "explained" by less, and said to be contained in what is hidden. *WRONG*: "explained" by others, or "nothing missing" while
-something is and can be seen.
+*Right*: "explained" by what is hidden, or "nothing missing" where nothing is. *Right but for the small*: a
+part is named, and it leaves no more than the noise. *Among what is open*: "undecided", and the hidden effects
+are the answer or one that the data cannot tell from it. *Left open*: "undecided" or "unexplained", without
+them. *In other words*: "explained" by less, and said to be contained in what is hidden. *WRONG*: "explained"
+by others, or "nothing missing" while something is and can be seen.
 
 Written by `python benchmarks/explanations.py --output benchmarks/results`."""
 
@@ -70,13 +72,37 @@ def main() -> None:
         found, seconds = timed(lambda hidden=hidden: explain(hidden.model, hidden.measurement))
         story = found.story
         noise = None if hidden.measurement.sigma is None else np.sqrt(2.0) * hidden.measurement.sigma.max()
-        before, after = (number(None if noise is None else view.rms / noise, 3) for view in (story.declared, story.last))
+        before, after = (
+            number(None if noise is None else view.rms / noise, 3) for view in (story.declared, story.last)
+        )
         p = "" if found.p_value is None else number(found.p_value.value, 2)
         ties = "; ".join(" + ".join(others) or "nothing" for group in found.ties.groups() for others in group[1:])
-        row = [str(seed), " + ".join(hidden.effects), hidden.words, before, found.verdict, " + ".join(found.effects), ties, after, p, judged(hidden, found)]
+        row = [
+            str(seed),
+            " + ".join(hidden.effects),
+            hidden.words,
+            before,
+            found.verdict,
+            " + ".join(found.effects),
+            ties,
+            after,
+            p,
+            judged(hidden, found),
+        ]
         rows.append(row)
         print(" | ".join(row), f"({seconds:.0f} s)", flush=True)
-    heads = ["seed", "hidden", "measured", "rms before / noise", "verdict", "answer", "tied with", "after", "p", "judged"]
+    heads = [
+        "seed",
+        "hidden",
+        "measured",
+        "rms before / noise",
+        "verdict",
+        "answer",
+        "tied with",
+        "after",
+        "p",
+        "judged",
+    ]
     print(summary(rows))
     if arguments.output:
         write_page(arguments.output / "explanations.md", "Effects drawn by seed, explained", ABOUT, heads, rows)

@@ -1,8 +1,10 @@
-"""Steady states under forces that depend on motion: harmonic balance beside integration in time until the transient is gone.
+"""Steady states under forces that depend on motion: harmonic balance beside integration in time until the transient is
+gone.
 
-A stiffening shaft, and a stop at the end of a gap, on 60 conditions. Peers: SciPy's DOP853, one condition after the other (ten of
-them, times six), and diffrax' Dopri8, all conditions at once, compiled. Both integrate until e^-9 of the transient is left, where their
-vectors agree with ours to a thousandth, which is checked first. Called by `benchmarks/run.py`; as a program it prints its rows.
+A stiffening shaft, and a stop at the end of a gap, on 60 conditions. Peers: SciPy's DOP853, one condition after the
+other (ten of them, times six), and diffrax' Dopri8, all conditions at once, compiled. Both integrate until e^-9 of the
+transient is left, where their vectors agree with ours to a thousandth, which is checked first. Called by
+`benchmarks/run.py`; as a program it prints its rows.
 
     python benchmarks/harmonic_balance.py
 """
@@ -27,13 +29,18 @@ LEFT, SAMPLES = 9.0, 32
 SOME = np.arange(3, 60, 6)
 FORCES: dict[str, tuple[Effect, Callable[..., jax.Array | np.ndarray]]] = {
     "duffing": (effects.Duffing(CUBIC), lambda q, np_: CUBIC * np_.sum(q**2) * q),
-    "clearance": (effects.Clearance(CONTACT, 1.0 / GAP), lambda q, np_: CONTACT * np_.maximum(1.0 - GAP / np_.sqrt(np_.sum(q**2) + 1e-30), 0.0) * q),
+    "clearance": (
+        effects.Clearance(CONTACT, 1.0 / GAP),
+        lambda q, np_: CONTACT * np_.maximum(1.0 - GAP / np_.sqrt(np_.sum(q**2) + 1e-30), 0.0) * q,
+    ),
 }
 
 
 def conditions() -> Conditions:
     """Twenty speeds with three unbalances, rad/s and kg m."""
-    return Conditions.at(np.tile(SPEEDS, 3), unbalance=np.stack([np.repeat(UNBALANCE, 20), np.zeros(60)], axis=1)[:, None])
+    return Conditions.at(
+        np.tile(SPEEDS, 3), unbalance=np.stack([np.repeat(UNBALANCE, 20), np.zeros(60)], axis=1)[:, None]
+    )
 
 
 def times_of(speed: float, period: Callable[[float], float]) -> tuple[float, np.ndarray]:
@@ -87,7 +94,17 @@ def diffrax_vectors(force: Callable[..., jax.Array]) -> Callable[[], np.ndarray]
 
         controller, save = diffrax.PIDController(rtol=1e-7, atol=1e-7), diffrax.SaveAt(ts=instants)
         term, solver = diffrax.ODETerm(rate), diffrax.Dopri8()
-        found = diffrax.diffeqsolve(term, solver, 0.0, instants[-1], None, jnp.zeros(4), saveat=save, stepsize_controller=controller, max_steps=100_000)
+        found = diffrax.diffeqsolve(
+            term,
+            solver,
+            0.0,
+            instants[-1],
+            None,
+            jnp.zeros(4),
+            saveat=save,
+            stepsize_controller=controller,
+            max_steps=100_000,
+        )
         assert found.ys is not None
         return found.ys[:, :2].T * micro
 
@@ -112,7 +129,10 @@ def rows() -> list[list[str]]:
             "SciPy DOP853": 6.0 * alone,
             "diffrax Dopri8, all at once": best(by_diffrax, 2),
         }
-        table += [[f"{name}: 60 steady states", f"{mine:.4f}", peer, f"{spent:.2f}", f"{spent / mine:.0f}"] for peer, spent in seconds.items()]
+        table += [
+            [f"{name}: 60 steady states", f"{mine:.4f}", peer, f"{spent:.2f}", f"{spent / mine:.0f}"]
+            for peer, spent in seconds.items()
+        ]
     return table
 
 

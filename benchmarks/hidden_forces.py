@@ -1,8 +1,8 @@
 """Forces outside the catalogue, drawn by seed with machine, plan and noise, and integrated in time: are they named?
 
-Shapes that are terms of ours must be named, alone or among what does hardly worse; of the others, which no term is, nothing may be
-claimed with certainty. Each is fitted in the response; what is left is compared with the noise. Seeds below 836 were looked at
-while the method was made. Some half an hour; prints a line for each and writes a table.
+Shapes that are terms of ours must be named, alone or among what does hardly worse; of the others, which no term is,
+nothing may be claimed with certainty. Each is fitted in the response; what is left is compared with the noise. Seeds
+below 836 were looked at while the method was made. Some half an hour; prints a line for each and writes a table.
 
     python benchmarks/hidden_forces.py --output benchmarks/results
 """
@@ -23,13 +23,15 @@ from rotorjax.reporting.tables import number
 
 from drawn_forces import Drawn, draw, measured
 
-ABOUT = """Machine, plan, noise, shape, axis and size are drawn, and the motion is integrated in time. Errors are root mean squares over those of the noise.
+ABOUT = """Machine, plan, noise, shape, axis and size are drawn, and the motion is integrated in time. Errors are root
+mean squares over those of the noise.
 
 Seeds below 836 were looked at while the method was made.
 
-*Right*: the term named is the force. *Among several*: so is one of those that do hardly worse. *With others*: a second term is named beside it. *Left open*:
-what is named leaves more than the noise, and is said to. *Too small to see*: no more than noise to explain, and nothing named. *Outside*: no term is this
-force; what is named comes near it or is left open. *WRONG*: another term is named and leaves no more than the noise.
+*Right*: the term named is the force. *Among several*: so is one of those that do hardly worse. *With others*:
+a second term is named beside it. *Left open*: what is named leaves more than the noise, and is said to. *Too
+small to see*: no more than noise to explain, and nothing named. *Outside*: no term is this force; what is
+named comes near it or is left open. *WRONG*: another term is named and leaves no more than the noise.
 
 Written by `python benchmarks/hidden_forces.py --output benchmarks/results`."""
 SEEN = 1.1
@@ -37,7 +39,9 @@ SEEN = 1.1
 
 
 def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
-    """In a word, whether the answer is right. **Arguments:** ``before``: what the model without the force leaves, over the noise."""
+    """In a word, whether the answer is right. **Arguments:** ``before``: what the model without the force leaves, over
+    the noise.
+    """
     if before < SEEN and not found.terms:
         return "too small to see"
     if drawn.term is None:
@@ -70,12 +74,30 @@ def main() -> None:
         after = measurement.rms_of(found.fit.predicted) / noise if found.fit else None
         orders = " ".join(str(order) for order in drawn.plan.orders)
         plan = f"{len(measurement.run)} cases, orders {orders}{', weight' if any(drawn.gravity) else ''}"
-        answer = [found.words, "; ".join(found.rivals), number(before, 3), number(after, 3), judged(drawn, found, before)]
+        answer = [
+            found.words,
+            "; ".join(found.rivals),
+            number(before, 3),
+            number(after, 3),
+            judged(drawn, found, before),
+        ]
         rows.append([str(seed), f"{drawn.shape}, {drawn.axis}", plan, number(drawn.signal, 2), *answer])
         print(" | ".join(rows[-1]), flush=True)
-    heads = ["seed", "hidden", "measured", "amplitude / noise", "named", "hardly worse", "rms before / noise", "after", "verdict"]
+    heads = [
+        "seed",
+        "hidden",
+        "measured",
+        "amplitude / noise",
+        "named",
+        "hardly worse",
+        "rms before / noise",
+        "after",
+        "verdict",
+    ]
     if arguments.output:
-        write_page(arguments.output / "hidden_forces.md", "Forces outside the catalogue, drawn by seed", ABOUT, heads, rows)
+        write_page(
+            arguments.output / "hidden_forces.md", "Forces outside the catalogue, drawn by seed", ABOUT, heads, rows
+        )
 
 
 if __name__ == "__main__":

@@ -51,7 +51,9 @@ LINEAR = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, Rest
 """Effects without which every order has its closed form: those that the peer has."""
 
 
-def rank(model: Model, measurement: Measurement, candidates: Mapping[str, type[Effect]] = CATALOG) -> tuple[Contest, Known]:
+def rank(
+    model: Model, measurement: Measurement, candidates: Mapping[str, type[Effect]] = CATALOG
+) -> tuple[Contest, Known]:
     """Every effect and none, fitted under the table's noise from the declared starts."""
     contest = make_contest(model, measurement, candidates)
     return contest, race(contest, NO_NOISE, [NONE, *(frozenset([name]) for name in contest.candidates)], {})
@@ -62,7 +64,11 @@ class NumpyModel:
 
     def __init__(self, model: Model, measurement: Measurement) -> None:
         rotor = model.rotor
-        self.mass, self.stiffness, self.damping = float(rotor.mass), np.asarray(rotor.stiffness), np.asarray(rotor.damping)
+        self.mass, self.stiffness, self.damping = (
+            float(rotor.mass),
+            np.asarray(rotor.stiffness),
+            np.asarray(rotor.damping),
+        )
         self.speed = np.asarray(measurement.conditions.speed)
         self.unbalance = np.asarray(measurement.conditions.unbalance)[:, 0] @ np.array([1.0, 1j])
         self.bow = np.asarray(measurement.conditions.bow) @ np.array([1.0, 1j])
@@ -145,7 +151,9 @@ def rank_with_scipy(contest: Contest, model: Model) -> tuple[dict[str, float], i
 
         best = np.inf
         for start in declared_starts(contest.space, mask, measurement.reach):
-            found = least_squares(residual, start[mask], method="trf", x_scale="jac", ftol=1e-4, xtol=1e-10, gtol=1e-10, max_nfev=60)
+            found = least_squares(
+                residual, start[mask], method="trf", x_scale="jac", ftol=1e-4, xtol=1e-10, gtol=1e-10, max_nfev=60
+            )
             best, evaluations = min(best, found.cost), evaluations + found.nfev * (1 + len(scale))
         costs[name] = float(best)
     return costs, evaluations
@@ -161,7 +169,10 @@ def main() -> None:
     rank(model, measurement)
     best = max(found, key=lambda effects: found[effects].log_evidence)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    print(f"{cold:.2f} s first, {time.perf_counter() - begin:.2f} s second, {memory:.2f} GB at most; first: {', '.join(best)}")
+    print(
+        f"{cold:.2f} s first, {time.perf_counter() - begin:.2f} s second, {memory:.2f} GB at most; first: "
+        f"{', '.join(best)}"
+    )
 
 
 if __name__ == "__main__":

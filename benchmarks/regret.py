@@ -94,7 +94,9 @@ def from_declared(contest: Contest, noise: Noise, hypothesis: Effects) -> Reache
     return _descended(contest, noise, free, starts, contest.space.given_unknowns(), QUICK)
 
 
-def from_truth(contest: Contest, noise: Noise, hypothesis: Effects, point: np.ndarray) -> tuple[Reached, list[np.ndarray]]:
+def from_truth(
+    contest: Contest, noise: Noise, hypothesis: Effects, point: np.ndarray
+) -> tuple[Reached, list[np.ndarray]]:
     """From the truth, motions near the measured ones or those that balance there; and what the truth itself shows."""
     lin = Linearisation(contest.space, contest.data(noise, point), Budget())
     near = first_motions(lin, [point])[0]
@@ -102,11 +104,16 @@ def from_truth(contest: Contest, noise: Noise, hypothesis: Effects, point: np.nd
     starts = [Start(point), Start(point, begin[0])]
     reached = _descended(contest, noise, contest.free(hypothesis), starts, point, THOROUGH)
     conditions = contest.measurement.conditions
-    shown = [predict(contest.space, conditions, point, budget=Budget(), near=(conditions, motions)).shown for motions in begin]
+    shown = [
+        predict(contest.space, conditions, point, budget=Budget(), near=(conditions, motions)).shown
+        for motions in begin
+    ]
     return reached, [vectors for vectors in shown if np.all(np.isfinite(vectors))]
 
 
-def _descended(contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner) -> Reached:
+def _descended(
+    contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner
+) -> Reached:
     """Descents on all cases; unknowns that are not free are kept at a point."""
     space, data, budget = contest.space, contest.data(noise, kept), Budget()
     training = np.tile(contest.training, (len(starts), 1))
@@ -157,7 +164,9 @@ def reduced_chi2(measurement: Measurement, noise: Noise, shown: np.ndarray, unkn
 
 
 def searched(model: Model, measurement: Measurement, wide: int) -> np.ndarray:
-    """Motions that balance, each found with nothing known: case x direction x coefficient, the last filled up with zeros."""
+    """Motions that balance, each found with nothing known: case x direction x coefficient, the last filled up with
+    zeros.
+    """
     one = jax.jit(lambda condition: timed_vectors(model, condition)[1].coefficients)
     conditions = measurement.conditions
     found = np.stack([one(jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(len(measurement.run))])

@@ -5,8 +5,8 @@
 Response of 100,000 rotors at 7 speeds, with its Jacobian, beside vectorised NumPy with central differences; one fit
 beside `scipy.optimize.least_squares` on a vectorised NumPy model; the catalogue ranked on 60 conditions beside one such
 fit per hypothesis and start; harmonic balance beside integration in time; the whole of `explain`; import time; commands
-from start to end, with an empty and with a filled compilation cache. Best of several runs each, but for the longest; the
-results of both sides are compared first.
+from start to end, with an empty and with a filled compilation cache. Best of several runs each, but for the longest;
+the results of both sides are compared first.
 """
 
 import os
@@ -36,7 +36,10 @@ def numpy_response(p: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """(M, kx, ky, ζx, ζy, Ux, Uy, sx, sy) per rotor -> vectors, rotor x speed x probe."""
     mass, stiffness, ratio = p[:, 0, None, None], p[:, None, 1:3], p[:, None, 3:5]
     forward = np.array([1.0, -1j])
-    unbalance, bow = (p[:, 5] + 1j * p[:, 6])[:, None, None] * forward, (p[:, 7] + 1j * p[:, 8])[:, None, None] * forward
+    unbalance, bow = (
+        (p[:, 5] + 1j * p[:, 6])[:, None, None] * forward,
+        (p[:, 7] + 1j * p[:, 8])[:, None, None] * forward,
+    )
     omega = speed[None, :, None]
     dynamic = stiffness - mass * omega**2 + 2j * omega * ratio * np.sqrt(stiffness * mass)
     return (unbalance * omega**2 + stiffness * bow) / dynamic
@@ -55,7 +58,9 @@ def numpy_jacobian(p: np.ndarray, speed: np.ndarray) -> np.ndarray:
 
 
 def jax_response(p: jax.Array) -> jax.Array:
-    conditions = Conditions(jnp.asarray(SPEEDS), jnp.tile(p[5:7], (len(SPEEDS), 1, 1)), jnp.tile(p[7:9], (len(SPEEDS), 1)))
+    conditions = Conditions(
+        jnp.asarray(SPEEDS), jnp.tile(p[5:7], (len(SPEEDS), 1, 1)), jnp.tile(p[7:9], (len(SPEEDS), 1))
+    )
     return vectors(Model(Jeffcott(p[0], p[1:3], p[3:5])), conditions)[:, :, 0]
 
 
@@ -78,7 +83,11 @@ def response_rows() -> list[list[str]]:
     np.testing.assert_allclose((found[:, 0] + 1j * found[:, 1]) / scale, peer / scale, atol=1e-6)
     pairs = [
         ("response, 1e5 rotors x 7 speeds", lambda: ours(p).block_until_ready(), lambda: numpy_response(many, SPEEDS)),
-        ("the same with Jacobian (9 parameters)", lambda: slopes(p).block_until_ready(), lambda: numpy_jacobian(many, SPEEDS)),
+        (
+            "the same with Jacobian (9 parameters)",
+            lambda: slopes(p).block_until_ready(),
+            lambda: numpy_jacobian(many, SPEEDS),
+        ),
     ]
     return [row(name, best(mine), "NumPy", best(peer, 2)) for name, mine, peer in pairs]
 
@@ -105,12 +114,17 @@ def fit_row() -> list[str]:
         value = dict(zip(keys, scale * u, strict=True))
         k = stiffness * np.exp([value["stiffness_error.error_x"], value["stiffness_error.error_y"]])
         c = damping * np.exp([value["damping_error.log_ratio_x"], value["damping_error.log_ratio_y"]])
-        unbalance = installed + value["residual_unbalance.unbalance_x_kg_m"] + 1j * value["residual_unbalance.unbalance_y_kg_m"]
+        unbalance = (
+            installed + value["residual_unbalance.unbalance_x_kg_m"] + 1j * value["residual_unbalance.unbalance_y_kg_m"]
+        )
         cross = value["cross_coupling.cross_stiffness_n_per_m"]
         d = k - mass * speed[:, None] ** 2 + 1j * speed[:, None] * c
         force = (unbalance * speed**2)[:, None] * np.array([1.0, -1j])
         determinant = d[:, 0] * d[:, 1] + cross**2
-        z = np.stack([d[:, 1] * force[:, 0] - cross * force[:, 1], d[:, 0] * force[:, 1] + cross * force[:, 0]], 1) / determinant[:, None]
+        z = (
+            np.stack([d[:, 1] * force[:, 0] - cross * force[:, 1], d[:, 0] * force[:, 1] + cross * force[:, 0]], 1)
+            / determinant[:, None]
+        )
         error = ((z - measurement.vectors[:, :, 0]) / measurement.sigma[:, :, 0]).ravel()
         return np.concatenate([error.real, error.imag, u])
 
@@ -131,13 +145,31 @@ def ranking_rows() -> list[list[str]]:
         np.testing.assert_allclose(contenders[frozenset([name])].best.cost, cost, rtol=1e-3, atol=0.05, err_msg=name)
     mine = best(lambda: rank(model, measurement, LINEAR))
     theirs = best(lambda: rank_with_scipy(contest, model), 3)
-    rows = [row(f"21 linear effects on 60 conditions, warm ({evaluations} peer evaluations)", mine, "SciPy per hypothesis", theirs)]
+    rows = [
+        row(
+            f"21 linear effects on 60 conditions, warm ({evaluations} peer evaluations)",
+            mine,
+            "SciPy per hypothesis",
+            theirs,
+        )
+    ]
     for hidden in HIDDEN:
         sixty = sixty_conditions(hidden)
         rank(*sixty)
-        rows.append(row(f"whole catalogue with restoring forces, {hidden} hidden, warm", best(lambda sixty=sixty: rank(*sixty), 2), "", None))
+        rows.append(
+            row(
+                f"whole catalogue with restoring forces, {hidden} hidden, warm",
+                best(lambda sixty=sixty: rank(*sixty), 2),
+                "",
+                None,
+            )
+        )
     with tempfile.TemporaryDirectory() as cache:
-        environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
+        environment = {
+            **os.environ,
+            "JAX_COMPILATION_CACHE_DIR": cache,
+            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+        }
         program = [sys.executable, str(Path(__file__).parent / "ranking.py")]
 
         for hidden in HIDDEN:
@@ -165,14 +197,21 @@ def command_rows() -> list[list[str]]:
         }
         environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": cache}
         rows = [
-            row("import rotorjax", best(lambda: python("import rotorjax", environment), 3), "import jax", best(lambda: python("import jax", environment), 3))
+            row(
+                "import rotorjax",
+                best(lambda: python("import rotorjax", environment), 3),
+                "import jax",
+                best(lambda: python("import jax", environment), 3),
+            )
         ]
         for name, arguments in commands.items():
             for path in Path(cache).iterdir():
                 path.unlink()
 
             def call(arguments: list[str] = arguments) -> object:
-                return subprocess.run([sys.executable, "-m", "rotorjax.cli", *arguments], check=True, capture_output=True, env=environment)
+                return subprocess.run(
+                    [sys.executable, "-m", "rotorjax.cli", *arguments], check=True, capture_output=True, env=environment
+                )
 
             rows.append(row(f"{name}, empty cache", best(call, 1), "", None))
             rows.append(row(f"{name}, filled cache", best(call, 3), "", None))

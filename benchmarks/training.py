@@ -1,10 +1,11 @@
 """Training the fault network: time to a given error, beside what one would use without rotorjax.
 
-The paper's cases at 1500 rpm (7000 to train on, 1500 to test), features and faults scaled to -1 to 1, 4-40-4 neurons, tanh,
-seed 0. Every method runs in a fresh process under a time limit, so that one which fails or hangs leaves the others alone:
-ours (default, as published, Optax with L2), scikit-learn's `MLPRegressor` with L-BFGS, pyrenn's Levenberg-Marquardt,
-optimistix's on the same perceptron, and exact linear least squares, which is no network but what any of them can hope for.
-scikit-learn and pyrenn are the extra ``benchmark``; a row says if one is missing. Ratios count, not seconds.
+The paper's cases at 1500 rpm (7000 to train on, 1500 to test), features and faults scaled to -1 to 1, 4-40-4 neurons,
+tanh, seed 0. Every method runs in a fresh process under a time limit, so that one which fails or hangs leaves the
+others alone: ours (default, as published, Optax with L2), scikit-learn's `MLPRegressor` with L-BFGS, pyrenn's
+Levenberg-Marquardt, optimistix's on the same perceptron, and exact linear least squares, which is no network but what
+any of them can hope for. scikit-learn and pyrenn are the extra ``benchmark``; a row says if one is missing. Ratios
+count, not seconds.
 
     python benchmarks/training.py
 """
@@ -171,13 +172,17 @@ def mlp(cases: Cases, recorder: Recorder, **settings: float) -> tuple[Predict, s
     from sklearn.exceptions import ConvergenceWarning  # noqa: PLC0415
     from sklearn.neural_network import MLPRegressor  # noqa: PLC0415
 
-    network = MLPRegressor(hidden_layer_sizes=(HIDDEN,), activation="tanh", solver="lbfgs", random_state=SEED, **settings)
+    network = MLPRegressor(
+        hidden_layer_sizes=(HIDDEN,), activation="tanh", solver="lbfgs", random_state=SEED, **settings
+    )
     evaluate = getattr(network, "_loss_grad_lbfgs", None)
     if evaluate is not None:  # private, but L-BFGS has no other history; without it the row has none
 
         def recorded(*arguments: object) -> tuple:
             loss, gradient = evaluate(*arguments)
-            recorder(math.sqrt(2.0 * loss))  # the loss is half the mean square, with a weight decay that is small beside it
+            recorder(
+                math.sqrt(2.0 * loss)
+            )  # the loss is half the mean square, with a weight decay that is small beside it
             return loss, gradient
 
         network._loss_grad_lbfgs = recorded
@@ -317,7 +322,9 @@ def row(key: str) -> list[str]:
     environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     failed = "its process ended without a result"
     try:
-        done = subprocess.run([sys.executable, __file__, key], capture_output=True, text=True, timeout=limit, env=environment, check=False)
+        done = subprocess.run(
+            [sys.executable, __file__, key], capture_output=True, text=True, timeout=limit, env=environment, check=False
+        )
         said = done.stdout
         if done.returncode != 0:
             failed = (done.stderr.strip().splitlines() or [failed])[-1]
@@ -337,18 +344,38 @@ def row(key: str) -> list[str]:
 
 def table(keys: tuple[str, ...] = tuple(CONTENDERS)) -> Table:
     """All methods, one after the other: some minutes."""
-    heads = ["method", "s", "s again", "normalised RMSE", "U g mm", "s mm", *(f"s to {goal:.0e}" for goal in GOALS), "ended"]
+    heads = [
+        "method",
+        "s",
+        "s again",
+        "normalised RMSE",
+        "U g mm",
+        "s mm",
+        *(f"s to {goal:.0e}" for goal in GOALS),
+        "ended",
+    ]
     note = (
-        "s: the first call in a new process, with compilation; again: the second call. Normalised RMSE: in targets scaled to -1 to 1, on noise-free test\n"
-        "cases; U and s: of both components together. Seconds to an error follow the training cases, of nearly the same error."
+        "s: the first call in a new process, with compilation; again: the second call. Normalised RMSE: in targets "
+        "scaled to -1 to 1, on noise-free test\n"
+        "cases; U and s: of both components together. Seconds to an error follow the training cases, of nearly the "
+        "same error."
     )
-    return Table("Training the 4-40-4 network on 7000 noise-free cases at 1500 rpm", heads, [row(key) for key in keys], note)
+    return Table(
+        "Training the 4-40-4 network on 7000 noise-free cases at 1500 rpm", heads, [row(key) for key in keys], note
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("method", nargs="?", choices=tuple(CONTENDERS), help="one method in this process, its history and result as lines")
-    parser.add_argument("--only", nargs="+", choices=tuple(CONTENDERS), default=tuple(CONTENDERS), help="methods of the table (all)")
+    parser.add_argument(
+        "method",
+        nargs="?",
+        choices=tuple(CONTENDERS),
+        help="one method in this process, its history and result as lines",
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=tuple(CONTENDERS), default=tuple(CONTENDERS), help="methods of the table (all)"
+    )
     arguments = parser.parse_args()
     if arguments.method:
         print(RESULT, json.dumps(compete(CONTENDERS[arguments.method])))

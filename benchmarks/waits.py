@@ -1,10 +1,10 @@
-"""What the user of `explain` waits for: each explanation in a process of its own, with an empty and with a filled cache of compiled programs.
+"""What the user of `explain` waits for: each explanation in a process of its own, with an empty and with a filled cache
+of compiled programs.
 
-Prints, and writes as a table, for each measurement: seconds of the whole process but for drawing the data, linearisations, peak memory,
-programs compiled or taken from the cache, and the verdict. The example and the RK4 vectors are explained by the command line; a strong
-cubic spring and a rub with
-friction (60 cases each, `benchmarks/regret.py`) from Python, with the right rig and with one that states a weight that is not there, so
-that nothing explains the data.
+Prints, and writes as a table, for each measurement: seconds of the whole process but for drawing the data,
+linearisations, peak memory, programs compiled or taken from the cache, and the verdict. The example and the RK4 vectors
+are explained by the command line; a strong cubic spring and a rub with friction (60 cases each, `benchmarks/regret.py`)
+from Python, with the right rig and with one that states a weight that is not there, so that nothing explains the data.
 
     python benchmarks/waits.py --output benchmarks/results
 """
@@ -26,8 +26,8 @@ import tabulate
 from timing import timed
 
 from rotorjax import explain
-from rotorjax.cli import _compute
 from rotorjax.cli import main as command_line
+from rotorjax.cli.commands import use_double_precision
 from rotorjax.data.files import write_whole
 
 DRAWN = {
@@ -54,14 +54,23 @@ def explained(name: str, folder: Path, cache: Path) -> Wait:
     """In a new process."""
     told = folder / "told.json"
     begin = time.perf_counter()
-    process = subprocess.Popen([sys.executable, __file__, "--one", name, str(folder), str(told)], env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)})
+    process = subprocess.Popen(
+        [sys.executable, __file__, "--one", name, str(folder), str(told)],
+        env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)},
+    )
     _, status, used = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - begin
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise RuntimeError(f"{name}: its process failed")
     found = json.loads(told.read_text())
-    return Wait(seconds - found.get("drawing", 0.0), found["linearisations"], used.ru_maxrss / 1e6, found["compiled"], found["verdict"])
+    return Wait(
+        seconds - found.get("drawing", 0.0),
+        found["linearisations"],
+        used.ru_maxrss / 1e6,
+        found["compiled"],
+        found["verdict"],
+    )
 
 
 def one(name: str, folder: Path, told: Path) -> None:
@@ -73,7 +82,11 @@ def one(name: str, folder: Path, told: Path) -> None:
             compiled.append(seconds)
 
     jax.monitoring.register_event_duration_secs_listener(listen)
-    found = _drawn(*DRAWN[name]) if name in DRAWN else _command(folder if name == "example" else None, folder / "answer.json")
+    found = (
+        _drawn(*DRAWN[name])
+        if name in DRAWN
+        else _command(folder if name == "example" else None, folder / "answer.json")
+    )
     write_whole(told, json.dumps({**found, "compiled": len(compiled)}))
 
 
@@ -81,18 +94,27 @@ def _command(folder: Path | None, answer: Path) -> dict[str, object]:
     """By the command line: the tables of a folder, or the RK4 vectors."""
     with as_file(files("rotorjax") / "data" / "rk4") as rk4:
         data = folder or rk4
-        status = command_line(["explain", str(data / "measurement.csv"), "--rig", str(data / "rig.toml"), "--json", str(answer)])
+        status = command_line(
+            ["explain", str(data / "measurement.csv"), "--rig", str(data / "rig.toml"), "--json", str(answer)]
+        )
     if status:
         raise RuntimeError(f"{data}: status {status}")
     found = json.loads(answer.read_text())
-    return {"linearisations": found["cost"]["linearisations"], "verdict": f"{found['verdict']}: {', '.join(found['effects'])}"}
+    return {
+        "linearisations": found["cost"]["linearisations"],
+        "verdict": f"{found['verdict']}: {', '.join(found['effects'])}",
+    }
 
 
 def _drawn(function: str, which: int) -> dict[str, object]:
-    _compute()
+    use_double_precision()
     problem, seconds = timed(lambda: getattr(regret, function)()[which])
     found = explain(problem.model, problem.measurement, progress=lambda line: print(line, file=sys.stderr))
-    return {"linearisations": found.cost.linearisations, "verdict": f"{found.verdict}: {', '.join(found.effects)}", "drawing": seconds}
+    return {
+        "linearisations": found.cost.linearisations,
+        "verdict": f"{found.verdict}: {', '.join(found.effects)}",
+        "drawing": seconds,
+    }
 
 
 def main() -> None:
@@ -109,11 +131,23 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as place:
         folder, cache = Path(place) / "example", Path(place) / "cache"
-        subprocess.run([Path(sys.executable).with_name("rotorjax"), "example", folder], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(
+            [Path(sys.executable).with_name("rotorjax"), "example", folder], check=True, stdout=subprocess.DEVNULL
+        )
         for name in options.only or ["example", "rk4", *DRAWN]:
             for state in ("empty", "filled"):
                 wait = explained(name, folder, cache / name.replace(" ", "_"))
-                rows.append((name, state, f"{wait.seconds:.1f}", f"{wait.linearisations:,}", f"{wait.gigabytes:.2f}", wait.compiled, wait.verdict))
+                rows.append(
+                    (
+                        name,
+                        state,
+                        f"{wait.seconds:.1f}",
+                        f"{wait.linearisations:,}",
+                        f"{wait.gigabytes:.2f}",
+                        wait.compiled,
+                        wait.verdict,
+                    )
+                )
                 print(*rows[-1], sep=" | ", flush=True)
     table = tabulate.tabulate(rows, COLUMNS, tablefmt="github", disable_numparse=True)
     if options.output:

@@ -1,10 +1,10 @@
 """Make the measurement table of the RK4 rotor kit that the package ships from the published tables.
 
-Source: M. Nouioua, github.com/M-Nouioua/rk4-rotor-unbalance-estimation, commit f3fd3be0 (MIT), doi 10.5281/zenodo.23152815:
-1X vectors of 21 conditions, zero-to-peak, phase leading, slow roll at 251 rpm subtracted. Plane 2 only, where the
-orbit is nearly circular. The standard error of every cell is the scatter of the repeated records, pooled over all
-conditions and divided by the root of the number of records (nearly always three): three repeats alone would give
-a standard error that is itself uncertain by half.
+Source: M. Nouioua, github.com/M-Nouioua/rk4-rotor-unbalance-estimation, commit f3fd3be0 (MIT), doi
+10.5281/zenodo.23152815: 1X vectors of 21 conditions, zero-to-peak, phase leading, slow roll at 251 rpm subtracted.
+Plane 2 only, where the orbit is nearly circular. The standard error of every cell is the scatter of the repeated
+records, pooled over all conditions and divided by the root of the number of records (nearly always three): three
+repeats alone would give a standard error that is itself uncertain by half.
 
     python experiments/convert_rk4.py rk4_1x_mean.csv rotorjax/data/rk4
 """
@@ -31,7 +31,8 @@ def pooled_sigma(rows: list[dict[str, str]]) -> float:
 def unbalance(row: dict[str, str]) -> str:
     """The weights of a condition as a TOML value."""
     weights = [
-        f'{{ plane = "disk{disk}", magnitude_g_mm = {float(row[f"u{disk}_gmm"])}, angle_deg = {float(row[f"u{disk}_hole_deg"])} }}'
+        f'{{ plane = "disk{disk}", magnitude_g_mm = {float(row[f"u{disk}_gmm"])}, angle_deg = '
+        f"{float(row[f'u{disk}_hole_deg'])} }}"
         for disk in (1, 2)
         if float(row[f"u{disk}_gmm"])
     ]
@@ -52,7 +53,9 @@ def main() -> None:
         vector = complex(float(row["re_um"]), float(row["im_um"]))
         sigma = single / math.sqrt(float(row["n_records"]))
         phase = math.degrees(math.atan2(vector.imag, vector.real))
-        lines.append(f"{row['condition']},{row['rpm']},{PROBES[row['sensor']]},1,{abs(vector):.4f},{phase:.3f},{sigma:.4f}")
+        lines.append(
+            f"{row['condition']},{row['rpm']},{PROBES[row['sensor']]},1,{abs(vector):.4f},{phase:.3f},{sigma:.4f}"
+        )
         runs[row["condition"]] = unbalance(row)
     (arguments.folder / "measurement.csv").write_text("\n".join(lines) + "\n")
     rig = (arguments.folder / "rotor.toml").read_text()

@@ -19,7 +19,9 @@ from rotorjax.diagnosis.dataset import Recipe, stream
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """What is made: by default the paper's 10,000 cases (table 3, with the mass that reproduces its natural frequencies)."""
+    """What is made: by default the paper's 10,000 cases (table 3, with the mass that reproduces its natural
+    frequencies).
+    """
 
     output: Path = Path("output/dataset")
     count: int = 10_000

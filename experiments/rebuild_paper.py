@@ -31,7 +31,9 @@ def diagnosed(path: Path) -> dict[str, dict[str, float]]:
 def vector_um(fault: dict[str, float], speed_rpm: float, probe: str) -> complex:
     """Equations 1-9: displacement(t) = Re[z exp(iΩt)]."""
     speed = speed_rpm * math.pi / 30.0
-    unbalance = fault["U"] * 1e-6 * complex(math.cos(math.radians(fault["alpha"])), math.sin(math.radians(fault["alpha"])))
+    unbalance = (
+        fault["U"] * 1e-6 * complex(math.cos(math.radians(fault["alpha"])), math.sin(math.radians(fault["alpha"])))
+    )
     bow = fault["s"] * 1e-3 * complex(math.cos(math.radians(fault["theta"])), math.sin(math.radians(fault["theta"])))
     stiffness, ratio = STIFFNESS[probe], RATIO[probe]
     force = stiffness * bow + unbalance * speed**2

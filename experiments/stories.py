@@ -1,7 +1,8 @@
 """The main job: three stories of what is missing in a rotor model, each found by `explain` and told in a report.
 
-1. Real measurements of an RK4 rotor kit. 2. Data with hidden effects, made by time integration; what is hidden is compared
-only after the answer. 3. The paper's own vectors, rebuilt from its tables 4 and 5, under two declarations of the noise.
+1. Real measurements of an RK4 rotor kit. 2. Data with hidden effects, made by time integration; what is hidden is
+compared only after the answer. 3. The paper's own vectors, rebuilt from its tables 4 and 5, under two declarations of
+the noise.
 
     python experiments/stories.py --output output
 """
@@ -17,7 +18,7 @@ from pathlib import Path
 import jax
 
 from rotorjax import Explanation, explain, read_measurement, read_rig
-from rotorjax.cli import progress_line
+from rotorjax.cli.progress import progress_line
 from rotorjax.reporting.explanation import explanation_text, notes, sentence
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.pictures import headline_figure
@@ -40,9 +41,13 @@ def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "ri
     rig = read_rig(folder / rig_name)
     with progress_line() as progress:
         measurement = read_measurement(folder / "measurement.csv", rig)
-        found = explain(rig.model, measurement, max_effects=Config().max_effects, progress=lambda line: progress(f"{name}: {line}"))
+        found = explain(
+            rig.model, measurement, max_effects=Config().max_effects, progress=lambda line: progress(f"{name}: {line}")
+        )
     found.report(output / f"{name}.html", title=title)
-    (output / f"{name}.json").write_text(json.dumps(explanation_json(found), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    (output / f"{name}.json").write_text(
+        json.dumps(explanation_json(found), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+    )
     rig.write(output / f"{name}_explained.toml", found.model)
     return found
 
@@ -55,8 +60,13 @@ def real(data: Path, output: Path) -> Explanation:
 
 
 def hidden(data: Path, output: Path) -> dict[str, Explanation]:
-    print("2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n", flush=True)
-    found = {name: solve(data / "hidden" / name, output, f"hidden_{name}", f"Hidden effects, {name}") for name in Config().hidden}
+    print(
+        "2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n", flush=True
+    )
+    found = {
+        name: solve(data / "hidden" / name, output, f"hidden_{name}", f"Hidden effects, {name}")
+        for name in Config().hidden
+    }
     print(explanation_text(found[Config().in_full]), end="\n\n")
     with (Path(__file__).parent / "hidden_truth.toml").open("rb") as file:
         truth = tomllib.load(file)
@@ -66,8 +76,10 @@ def hidden(data: Path, output: Path) -> dict[str, Explanation]:
         ties = "; ".join(" or ".join(" + ".join(names) for names in group) for group in answer.ties.groups())
         rows.append(
             [
-                name, ", ".join(truth[name]) or "nothing", ", ".join(answer.effects) or "nothing", ", ".join(s.effect for s in answer.detected_but_small),
-                ties, answer.verdict, number(views.declared.rms / MICROMETRE), number(views.last.rms / MICROMETRE), number(views.noise_um()),
+                name, ", ".join(truth[name]) or "nothing", ", ".join(answer.effects) or "nothing",
+                ", ".join(s.effect for s in answer.detected_but_small),
+                ties, answer.verdict, number(views.declared.rms / MICROMETRE), number(views.last.rms / MICROMETRE),
+                number(views.noise_um()),
             ]
         )  # fmt: skip
     heads = ["case", "hidden", "found", "too small to matter", "ties", "verdict", "before µm", "after µm", "noise µm"]
@@ -76,9 +88,16 @@ def hidden(data: Path, output: Path) -> dict[str, Explanation]:
 
 
 def paper(data: Path, output: Path) -> tuple[Explanation, Explanation]:
-    print("3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (rebuilt, not measured)\n", flush=True)
+    print(
+        "3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (rebuilt, not "
+        "measured)\n",
+        flush=True,
+    )
     told = []
-    for rig, noise in (("rig.toml", "sensor noise of 1 µm alone"), ("rig_scatter.toml", "a few per cent of scatter allowed")):
+    for rig, noise in (
+        ("rig.toml", "sensor noise of 1 µm alone"),
+        ("rig_scatter.toml", "a few per cent of scatter allowed"),
+    ):
         name = "paper" if rig == "rig.toml" else "paper_scatter"
         told.append(solve(data / "paper", output, name, f"The paper's vectors, {noise}", rig))
         print(f"With {noise}: {sentence(told[-1])}\n")
@@ -93,7 +112,11 @@ def main() -> None:
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
-    print("Every measurement is explained, with a report for each: some two minutes on two cores, a third of it the measured vectors.\n", flush=True)
+    print(
+        "Every measurement is explained, with a report for each: some two minutes on two cores, a third of it the "
+        "measured vectors.\n",
+        flush=True,
+    )
     arguments.output.mkdir(parents=True, exist_ok=True)
     with as_file(files("rotorjax") / "data") as data:
         rk4 = real(data, arguments.output)
@@ -102,7 +125,10 @@ def main() -> None:
     if arguments.picture:
         headline_figure(rk4.story).savefig(arguments.picture, dpi=110)
     seconds = time.perf_counter() - begin
-    print(f"\nDone in {seconds:.0f} s. Open {arguments.output / 'rk4.html'} and its neighbours in a browser; the .json files hold the numbers.")
+    print(
+        f"\nDone in {seconds:.0f} s. Open {arguments.output / 'rk4.html'} and its neighbours in a browser; the .json "
+        "files hold the numbers."
+    )
 
 
 if __name__ == "__main__":

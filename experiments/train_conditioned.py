@@ -1,7 +1,8 @@
-"""One network for every speed from 600 to 3500 rpm: its error beside the least-squares inverse and beside a plain network.
+"""One network for every speed from 600 to 3500 rpm: its error beside the least-squares inverse and beside a plain
+network.
 
-The plain network is the paper's perceptron with the speed as a fifth input, trained by Bayesian regularisation on faults of
-one rotor at random speeds (Huang et al. 2026, Sensors 26:2565, section 2.2). A repeat prints the same digits.
+The plain network is the paper's perceptron with the speed as a fifth input, trained by Bayesian regularisation on
+faults of one rotor at random speeds (Huang et al. 2026, Sensors 26:2565, section 2.2). A repeat prints the same digits.
 
     python experiments/train_conditioned.py --output output/conditioned
 """
@@ -54,7 +55,10 @@ class Config:
 
 def relative(found: np.ndarray, exact: np.ndarray) -> float:
     """Error of an inverse, relative, the worse of its rows for unbalance and for bow."""
-    return max(float(np.linalg.norm(found[rows] - exact[rows]) / np.linalg.norm(exact[rows])) for rows in (slice(0, 2), slice(2, 4)))
+    return max(
+        float(np.linalg.norm(found[rows] - exact[rows]) / np.linalg.norm(exact[rows]))
+        for rows in (slice(0, 2), slice(2, 4))
+    )
 
 
 def largest(error: np.ndarray) -> list[float]:
@@ -78,7 +82,9 @@ def plain_network(config: Config, rotor: Jeffcott) -> Callable[[np.ndarray, floa
     inputs, outputs = Range.of(x, "features and speed"), Range.of(faults, "faults")
     data = Scaled(jnp.asarray(inputs.scaled(x)), jnp.asarray(outputs.scaled(faults)))
     with tqdm(total=config.plain_epochs, desc="plain network", unit="epoch") as bar:
-        perceptron = BayesianRegularisation(epochs=config.plain_epochs).fit(data, 40, key, lambda epoch, rms: bar.update(epoch - bar.n) and None)[0]
+        perceptron = BayesianRegularisation(epochs=config.plain_epochs).fit(
+            data, 40, key, lambda epoch, rms: bar.update(epoch - bar.n) and None
+        )[0]
 
     def diagnose(f: np.ndarray, speed: float) -> np.ndarray:
         scaled = inputs.scaled(np.column_stack([f, np.full(len(f), speed)]))
@@ -96,11 +102,27 @@ def by_speed(config: Config, network: ConditionedNetwork, rotor: Jeffcott) -> li
     noise = 1e-6 * config.noise_um * np.asarray(jax.random.normal(noise, (config.cases, 4)))
     rows = []
     for speed in tqdm(config.speeds_rpm, desc="speeds", unit="speed"):
-        ours, exact, forward = np.asarray(network.at(rotor, speed).matrix), inverse_map(rotor, speed), feature_map(rotor, speed)[0]
+        ours, exact, forward = (
+            np.asarray(network.at(rotor, speed).matrix),
+            inverse_map(rotor, speed),
+            feature_map(rotor, speed)[0],
+        )
         f, noisy = faults @ forward.T, forward @ small + noise
-        values = [relative(ours, exact), *largest(f @ ours.T - faults), *largest(f @ exact.T - faults), *largest(plain(f, speed) - faults)]
+        values = [
+            relative(ours, exact),
+            *largest(f @ ours.T - faults),
+            *largest(f @ exact.T - faults),
+            *largest(plain(f, speed) - faults),
+        ]
         with_noise, best = rms(noisy @ ours.T - small), rms(noisy @ exact.T - small)
-        rows.append([f"{speed:g}", *(f"{v:.2g}" for v in values), *(number(v) for v in with_noise), *(f"{v:.4f}" for v in with_noise / best)])
+        rows.append(
+            [
+                f"{speed:g}",
+                *(f"{v:.2g}" for v in values),
+                *(number(v) for v in with_noise),
+                *(f"{v:.4f}" for v in with_noise / best),
+            ]
+        )
     return rows
 
 
@@ -113,9 +135,16 @@ def over_range(config: Config, network: ConditionedNetwork, rotor: Jeffcott) -> 
     for u in tqdm(draws, desc="rotors", unit="rotor"):
         ratio, mass = 0.85 + 0.13 * u[0], 0.5 * 100.0 ** u[1]
         first = 1760.0 / 0.85 + (3000.0 - 1760.0 / 0.85) * u[2]
-        rig = Jeffcott.from_critical_speed(mass=mass, critical_speed_rpm=[first, first * ratio], damping_ratio=0.002 + 0.048 * u[3:5])
-        others += [relative(np.asarray(network.at(rig, float(s)).matrix), inverse_map(rig, s)) for s in 600.0 + 2900.0 * u[5:]]
-    return [[name, f"{np.max(e):.2g}", f"{np.median(e):.2g}"] for name, e in (("the paper's", own), (f"{config.rigs} random rigs", others))]
+        rig = Jeffcott.from_critical_speed(
+            mass=mass, critical_speed_rpm=[first, first * ratio], damping_ratio=0.002 + 0.048 * u[3:5]
+        )
+        others += [
+            relative(np.asarray(network.at(rig, float(s)).matrix), inverse_map(rig, s)) for s in 600.0 + 2900.0 * u[5:]
+        ]
+    return [
+        [name, f"{np.max(e):.2g}", f"{np.median(e):.2g}"]
+        for name, e in (("the paper's", own), (f"{config.rigs} random rigs", others))
+    ]
 
 
 def run(config: Config) -> None:
@@ -128,18 +157,29 @@ def run(config: Config) -> None:
     csv.writer(lines, lineterminator="\n").writerows([HEADS, *rows])
     write_whole(config.output / "conditioned.csv", lines.getvalue())
     small = f"{config.small[0]:g} g mm and {config.small[2]:g} mm with noise of {config.noise_um:g} µm"
-    note = f"Largest errors without noise, faults up to 1000 g mm and 50 mm; noisy: root mean square errors at {small}, and over those of the exact inverse."
+    note = (
+        f"Largest errors without noise, faults up to 1000 g mm and 50 mm; noisy: root mean square errors at {small}, "
+        "and over those of the exact inverse."
+    )
     text = Table("The conditioned network on the paper's rotor", HEADS, rows, note).text()
-    ranges = Table("Relative error of the inverse, 600 to 3500 rpm", ("rotor", "worst", "median"), over_range(config, network, rotor)).text()
+    ranges = Table(
+        "Relative error of the inverse, 600 to 3500 rpm",
+        ("rotor", "worst", "median"),
+        over_range(config, network, rotor),
+    ).text()
     write_whole(config.output / "conditioned.md", f"```\n{text}\n\n{ranges}\n```\n")
     print(f"{text}\n\n{ranges}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Config.output, help="folder for network and tables (%(default)s)")
+    parser.add_argument(
+        "--output", type=Path, default=Config.output, help="folder for network and tables (%(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=Config.seed, help="of JAX's random keys (%(default)s)")
-    parser.add_argument("--plain-epochs", type=int, default=Config.plain_epochs, help="steps of the plain network (%(default)s)")
+    parser.add_argument(
+        "--plain-epochs", type=int, default=Config.plain_epochs, help="steps of the plain network (%(default)s)"
+    )
     jax.config.update("jax_enable_x64", True)
     try:
         run(Config(**vars(parser.parse_args())))

@@ -1,8 +1,8 @@
 """Table 1 of Huang et al. 2026 (Sensors 26:2565) over several seeds: the fault network trained in three ways.
 
-For every seed, which draws cases and first weights anew: Bayesian regularisation as published, our default, and Optax with
-L2. Errors are those on the test cases, without noise and with noise on the features, there beside the exact linear inverse
-of the same noisy features. Five seeds of a thousand epochs take some ten minutes.
+For every seed, which draws cases and first weights anew: Bayesian regularisation as published, our default, and Optax
+with L2. Errors are those on the test cases, without noise and with noise on the features, there beside the exact linear
+inverse of the same noisy features. Five seeds of a thousand epochs take some ten minutes.
 
     python experiments/train_network.py --output output/training
 """
@@ -137,7 +137,8 @@ def run(config: Config, seed: int, bar: tqdm) -> list[Outcome]:
         history = training.history
         outcomes.append(
             Outcome(
-                name, seed, seconds, rms_errors(training.network.diagnose, data.test) / UNITS, history[-1].effective if history else math.nan,
+                name, seed, seconds, rms_errors(training.network.diagnose, data.test) / UNITS,
+                history[-1].effective if history else math.nan,
                 done, training.stopped, with_noisy_features(config, seed, training, data.test),
             )
         )  # fmt: skip
@@ -146,7 +147,11 @@ def run(config: Config, seed: int, bar: tqdm) -> list[Outcome]:
 
 def columns(config: Config, times: bool) -> list[str]:
     """Heads of the CSV file."""
-    noisy = [f"{what}_at_noise_{level:.0e}" for level in config.noises for what in ("U_g_mm", "s_mm", "U_ratio_to_exact", "s_ratio_to_exact")]
+    noisy = [
+        f"{what}_at_noise_{level:.0e}"
+        for level in config.noises
+        for what in ("U_g_mm", "s_mm", "U_ratio_to_exact", "s_ratio_to_exact")
+    ]
     return ["method", "seed", *(["seconds"] if times else []), *COMPONENTS, "effective", "epochs", "stopped", *noisy]
 
 
@@ -159,7 +164,18 @@ def comma_separated(config: Config, outcomes: Sequence[Outcome], times: bool) ->
         noisy = [f"{value:.3g}" for level in o.noisy for value in level]
         effective = f"{o.effective:.3g}" if math.isfinite(o.effective) else ""
         errors = [f"{error:.3g}" for error in o.errors]
-        writer.writerow([o.method, o.seed, *([f"{o.seconds:.2f}"] if times else []), *errors, effective, o.epochs, o.stopped, *noisy])
+        writer.writerow(
+            [
+                o.method,
+                o.seed,
+                *([f"{o.seconds:.2f}"] if times else []),
+                *errors,
+                effective,
+                o.epochs,
+                o.stopped,
+                *noisy,
+            ]
+        )
     return text.getvalue()
 
 
@@ -182,7 +198,14 @@ def beside_table_1(groups: dict[str, list[Outcome]]) -> str:
             factor = UNITS[k] * (unbalance if k < 2 else bow)
             medians = [float(np.median([o.errors[k] for o in group])) * factor for group in groups.values()]
             paper = float(row["rmse"])
-            rows.append([reading, row["component"], f"{paper:.2e}", *(f"{value:.2e} ({value / paper:.2g} x)" for value in medians)])
+            rows.append(
+                [
+                    reading,
+                    row["component"],
+                    f"{paper:.2e}",
+                    *(f"{value:.2e} ({value / paper:.2g} x)" for value in medians),
+                ]
+            )
     return pipes(["reading", "component", "printed", *groups], rows)
 
 
@@ -193,10 +216,21 @@ def summary(groups: dict[str, list[Outcome]], times: bool) -> str:
         effective = [o.effective for o in group if math.isfinite(o.effective)]
         sizes = np.array([pairs(o.errors) for o in group])
         spans = [f"{number(float(np.median(s)))} ({number(s.min())} to {number(s.max())})" for s in sizes.T]
-        middle = [number(float(np.median(effective))) if effective else "-", f"{np.median([o.epochs for o in group]):.0f}"]
+        middle = [
+            number(float(np.median(effective))) if effective else "-",
+            f"{np.median([o.epochs for o in group]):.0f}",
+        ]
         seconds = [number(float(np.median([o.seconds for o in group])))] if times else []
         rows.append([name, *seconds, *spans, *middle, "; ".join(dict.fromkeys(o.stopped for o in group))])
-    heads = ["method", *(["seconds"] if times else []), "U g mm (range)", "s mm (range)", "effective parameters", "epochs", "stopped because"]
+    heads = [
+        "method",
+        *(["seconds"] if times else []),
+        "U g mm (range)",
+        "s mm (range)",
+        "effective parameters",
+        "epochs",
+        "stopped because",
+    ]
     return pipes(heads, rows)
 
 
@@ -206,7 +240,14 @@ def noise_table(config: Config, groups: dict[str, list[Outcome]]) -> str:
     for name, group in groups.items():
         for k, level in enumerate(config.noises):
             medians = np.median([o.noisy[k] for o in group], axis=0)
-            rows.append([name, f"{level:.0e}", *(number(float(value)) for value in medians[:2]), *(f"{value:.3f}" for value in medians[2:])])
+            rows.append(
+                [
+                    name,
+                    f"{level:.0e}",
+                    *(number(float(value)) for value in medians[:2]),
+                    *(f"{value:.3f}" for value in medians[2:]),
+                ]
+            )
     return pipes(["method", "noise", "U g mm", "s mm", "U / exact", "s / exact"], rows)
 
 
@@ -217,16 +258,22 @@ def page(config: Config, outcomes: Sequence[Outcome], times: bool) -> str:
     return "\n\n".join(
         [
             "# Table 1 over seeds: the 4-40-4 network",
-            f"{config.count} cases at {config.speed_rpm:g} rpm, {round(config.count * config.fractions[0])} of them to train on; seeds {seeds}, each with "
-            f"cases and first weights of its own. As published: Bayesian regularisation, {config.epochs} epochs. Medians over the seeds of the root mean "
-            "square errors on the test cases; the paper prints no units, so each reading stands by itself, with the multiple of what is printed in brackets.",
+            f"{config.count} cases at {config.speed_rpm:g} rpm, {round(config.count * config.fractions[0])} of them to "
+            f"train on; seeds {seeds}, each with "
+            f"cases and first weights of its own. As published: Bayesian regularisation, {config.epochs} epochs. "
+            "Medians over the seeds of the root mean "
+            "square errors on the test cases; the paper prints no units, so each reading stands by itself, with the "
+            "multiple of what is printed in brackets.",
             beside_table_1(groups),
             "## How each training ended",
-            "U and s stand for both components together." + (" Seconds hold compilation where it occurs, which is in the first seed." if times else ""),
+            "U and s stand for both components together."
+            + (" Seconds hold compilation where it occurs, which is in the first seed." if times else ""),
             summary(groups, times),
             "## What noise leaves of it",
-            "All errors above are on noise-free features. Here the test features have Gaussian noise of the given fraction of their half range; the last two "
-            "columns are the error in units of that of the exact linear inverse on the same features, which no inverse of one speed can beat by much. The cure "
+            "All errors above are on noise-free features. Here the test features have Gaussian noise of the given "
+            "fraction of their half range; the last two "
+            "columns are the error in units of that of the exact linear inverse on the same features, which no inverse "
+            "of one speed can beat by much. The cure "
             "for that is a second speed, not a better network.",
             noise_table(config, groups) + "\n",
         ]
@@ -241,16 +288,33 @@ def write(config: Config, output: Path, outcomes: Sequence[Outcome], times: bool
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, default=Path("output/training"), help="folder for the files (%(default)s)")
+    parser.add_argument(
+        "--output", type=Path, default=Path("output/training"), help="folder for the files (%(default)s)"
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=Config.seeds, help="seeds to run (%(default)s)")
     parser.add_argument("--epochs", type=int, default=Config.epochs, help="of the training as published (%(default)s)")
-    parser.add_argument("--fractions", type=float, nargs=3, default=Config.fractions, help="train, validation and test cases (%(default)s)")
-    parser.add_argument("--methods", nargs="+", default=Config.chosen, choices=list(Config().methods()), help="trainings to run (all)")
-    parser.add_argument("--no-times", action="store_true", help="leave out the seconds, so that a second run gives the same files")
+    parser.add_argument(
+        "--fractions",
+        type=float,
+        nargs=3,
+        default=Config.fractions,
+        help="train, validation and test cases (%(default)s)",
+    )
+    parser.add_argument(
+        "--methods", nargs="+", default=Config.chosen, choices=list(Config().methods()), help="trainings to run (all)"
+    )
+    parser.add_argument(
+        "--no-times", action="store_true", help="leave out the seconds, so that a second run gives the same files"
+    )
     parser.add_argument("--quick", action="store_true", help="two seeds and few steps, to see that it works")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    config = Config(seeds=tuple(arguments.seeds), epochs=arguments.epochs, fractions=tuple(arguments.fractions), chosen=tuple(arguments.methods))
+    config = Config(
+        seeds=tuple(arguments.seeds),
+        epochs=arguments.epochs,
+        fractions=tuple(arguments.fractions),
+        chosen=tuple(arguments.methods),
+    )
     config = config.quick() if arguments.quick else config
     try:
         arguments.output.mkdir(parents=True, exist_ok=True)
@@ -263,7 +327,10 @@ def main() -> None:
             # After every seed: a run that is stopped leaves what it has.
             write(config, arguments.output, outcomes, not arguments.no_times)
     print(page(config, outcomes, times=True))
-    print(f"{len(outcomes)} trainings are in {arguments.output / 'training_seeds.md'} and {arguments.output / 'training_seeds.csv'}")
+    print(
+        f"{len(outcomes)} trainings are in {arguments.output / 'training_seeds.md'} and "
+        f"{arguments.output / 'training_seeds.csv'}"
+    )
 
 
 if __name__ == "__main__":

@@ -46,7 +46,9 @@ def require_float64(what: str) -> None:
     **Errors.** ``ValueError``: near resonance the normal equations of a fit lose some eight digits.
     """
     if not jax.config.read("jax_enable_x64"):
-        raise ValueError(f'{what} needs double precision: jax.config.update("jax_enable_x64", True) before any array is made')
+        raise ValueError(
+            f'{what} needs double precision: jax.config.update("jax_enable_x64", True) before any array is made'
+        )
 
 
 def diagonal(values: Float[Array, "dof"]) -> Float[Array, "dof dof"]:
@@ -71,7 +73,9 @@ def is_known(*values: Any) -> bool:
 
 def as_float(value: Numbers) -> Array:
     """Number or nested numbers -> floating array of JAX's default precision."""
-    return as_array(np.array(value, dtype=jnp.result_type(float))) if is_known(value) else jnp.asarray(value, dtype=float)
+    return (
+        as_array(np.array(value, dtype=jnp.result_type(float))) if is_known(value) else jnp.asarray(value, dtype=float)
+    )
 
 
 def as_array(value: np.ndarray) -> Array:

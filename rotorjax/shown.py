@@ -1,4 +1,6 @@
-"""How results come to be words and pictures: by `rotorjax.reporting.results`, which is loaded when one asks for that and not before."""
+"""How results come to be words and pictures: by `rotorjax.reporting.results`, which is loaded when one asks for that
+and not before.
+"""
 
 import importlib
 from pathlib import Path
@@ -18,7 +20,9 @@ class Shown:
     """A result that notebooks show as HTML and that has a summary in words."""
 
     def summary(self, rig: "Rig | None" = None) -> str:
-        """What the command line prints of it. **Arguments:** ``rig``: its angles count as the rig file says, and its planes are balanced."""
+        """What the command line prints of it. **Arguments:** ``rig``: its angles count as the rig file says, and its
+        planes are balanced.
+        """
         return _results().summary(self, rig)
 
     def _repr_html_(self) -> str:
@@ -29,7 +33,9 @@ class Reported(Shown):
     """A result that has pictures and a report besides."""
 
     def report(self, path: str | Path, rig: "Rig | None" = None, *, title: str = "") -> Path:
-        """Write the HTML report, one file that needs no network. **Arguments:** ``rig`` as for `summary`. **Returns** the path."""
+        """Write the HTML report, one file that needs no network. **Arguments:** ``rig`` as for `summary`. **Returns**
+        the path.
+        """
         return _results().write_report(Path(path), self, rig, title=title)
 
     @property

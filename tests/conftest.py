@@ -1,4 +1,6 @@
-"""Every test runs in double precision, with rank promotion refused and warnings as errors; shapes are checked but where explanations run in series."""
+"""Every test runs in double precision, with rank promotion refused and warnings as errors; shapes are checked but where
+explanations run in series.
+"""
 
 import os
 
@@ -28,7 +30,9 @@ def pytest_configure(config):
 
 
 SERIES = ("crosscode", "measured", "paper", "recovery")
-"""Folders whose tests run code over and over that the others run with shapes checked: the checks took a third of their time."""
+"""Folders whose tests run code over and over that the others run with shapes checked: the checks took a third of their
+time.
+"""
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,4 +1,6 @@
-"""Effects of the catalogue, one or two, drawn by seed with machine, plan, noise and what is poor about the measurement; integrated in time, longhand."""
+"""Effects of the catalogue, one or two, drawn by seed with machine, plan, noise and what is poor about the measurement;
+integrated in time, longhand.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -66,7 +68,9 @@ class Hidden:
         """The measurement in a few words."""
         m = self.measurement
         orders = " ".join(f"{order:g}" for order in m.orders)
-        return f"{len(m.run)} cases, orders {orders}{', weight' if self.weight else ''}" + (f", {self.handicap}" if self.handicap != "none" else "")
+        return f"{len(m.run)} cases, orders {orders}{', weight' if self.weight else ''}" + (
+            f", {self.handicap}" if self.handicap != "none" else ""
+        )
 
 
 @dataclasses.dataclass
@@ -93,7 +97,13 @@ class _Rotor:
     @property
     def push(self) -> float:
         """A force between half and three times the damping force at the largest amplitude [N]."""
-        return 2 * np.mean(self.machine.ratio) * np.mean(self.machine.stiffness) * self.amplitude * self.rng.uniform(0.5, 3.0)
+        return (
+            2
+            * np.mean(self.machine.ratio)
+            * np.mean(self.machine.stiffness)
+            * self.amplitude
+            * self.rng.uniform(0.5, 3.0)
+        )
 
     def part(self, low: float, high: float) -> float:
         return float(self.rng.uniform(low, high) * self.rng.choice([-1.0, 1.0]))
@@ -115,12 +125,20 @@ class _Rotor:
             "asymmetric_shaft": lambda: self._add("asymmetric_shaft", self.turned(rng.uniform(0.01, 0.04) * stiffness)),
             "quadratic_damping": lambda: self._add("quadratic_damping", self.push / (self.machine.frequency * a) ** 2),
             "coulomb_friction": lambda: self._add("coulomb_friction", 0.5 * self.push),
-            "cross_coupling": lambda: self._add("cross_coupling", self.part(0.2, 0.6) * 2 * np.mean(self.machine.ratio) * stiffness),
-            "stiffness_error": lambda: self._set(stiffness=tuple(k * (1 + self.part(0.02, 0.06)) for k in self.machine.stiffness)),
+            "cross_coupling": lambda: self._add(
+                "cross_coupling", self.part(0.2, 0.6) * 2 * np.mean(self.machine.ratio) * stiffness
+            ),
+            "stiffness_error": lambda: self._set(
+                stiffness=tuple(k * (1 + self.part(0.02, 0.06)) for k in self.machine.stiffness)
+            ),
             "mass_error": lambda: self._set(mass=self.machine.mass * (1 + self.part(0.02, 0.06))),
-            "damping_error": lambda: self._set(ratio=tuple(z * np.exp(self.part(0.2, 0.6)) for z in self.machine.ratio)),
+            "damping_error": lambda: self._set(
+                ratio=tuple(z * np.exp(self.part(0.2, 0.6)) for z in self.machine.ratio)
+            ),
             "residual_unbalance": lambda: setattr(self, "unbalance", self.turned(rng.uniform(0.1, 0.6) * self.grade)),
-            "residual_bow": lambda: setattr(self, "bow", self.turned(rng.uniform(0.05, 0.4) * self.grade / self.machine.mass)),
+            "residual_bow": lambda: setattr(
+                self, "bow", self.turned(rng.uniform(0.05, 0.4) * self.grade / self.machine.mass)
+            ),
             "probe_gain": lambda: setattr(self, "gains", (1 + self.part(0.03, 0.1), 1 + self.part(0.03, 0.1))),
             "phase_reference_offset": lambda: setattr(self, "offset", self.part(0.1, 0.5)),
             "time_delay": lambda: setattr(self, "delay", rng.uniform(0.01, 0.05) * 2 * np.pi / self.machine.frequency),
@@ -142,7 +160,9 @@ class _Rotor:
         """Effect -> label -> value in SI, of the forces added and of all other effects that may be hidden."""
         now = self.machine
         linear = {
-            "stiffness_error": [k / nominal - 1.0 for k, nominal in zip(now.stiffness, declared.stiffness, strict=True)],
+            "stiffness_error": [
+                k / nominal - 1.0 for k, nominal in zip(now.stiffness, declared.stiffness, strict=True)
+            ],
             "mass_error": [now.mass / declared.mass - 1.0],
             "damping_error": [np.log(c / nominal) for c, nominal in zip(now.damping, declared.damping, strict=True)],
             "residual_unbalance": [self.unbalance.real, self.unbalance.imag],
@@ -167,9 +187,15 @@ class _Rotor:
     def vectors(self, unbalance: complex, speed: float, orders: tuple[float, ...]) -> np.ndarray:
         """As the chain shows them: gains, a turned reference, a late signal."""
         m, installed = self.machine, unbalance + self.unbalance
-        rotor = NonlinearRotor(m.mass, m.stiffness, m.damping, gravity=self.gravity, unbalance=installed, bow=self.bow, forces=self.forces)
+        rotor = NonlinearRotor(
+            m.mass, m.stiffness, m.damping, gravity=self.gravity, unbalance=installed, bow=self.bow, forces=self.forces
+        )
         n = np.array(orders)
-        shown = rotor.vectors(speed, orders, self.probes) * np.array(self.gains)[:, None] * np.exp(-1j * n * (self.offset + speed * self.delay))
+        shown = (
+            rotor.vectors(speed, orders, self.probes)
+            * np.array(self.gains)[:, None]
+            * np.exp(-1j * n * (self.offset + speed * self.delay))
+        )
         return np.where(n == 0.0, shown.real + 0j, shown)
 
 
@@ -179,11 +205,17 @@ def _cross(stiffness: float) -> in_time.Force:
 
 
 def draw(seed: int) -> Hidden:
-    """Effects take turns; all else is drawn anew until the rotor settles into a motion that repeats itself every turn."""
+    """Effects take turns; all else is drawn anew until the rotor settles into a motion that repeats
+    itself every turn.
+    """
     rng = np.random.default_rng([1926, seed])
     main = MAIN[seed % len(MAIN)]
     while True:
-        second = str(rng.choice([name for name in LINEAR if name != main])) if main != "nothing" and rng.random() < 0.35 else None
+        second = (
+            str(rng.choice([name for name in LINEAR if name != main]))
+            if main != "nothing" and rng.random() < 0.35
+            else None
+        )
         hidden = tuple(name for name in (main, second) if name not in (None, "nothing"))
         try:
             return _measured(rng, hidden, str(rng.choice(HANDICAPS)))  # pyright: ignore
@@ -192,19 +224,33 @@ def draw(seed: int) -> Hidden:
 
 
 def _measured(rng: np.random.Generator, hidden: tuple[str, ...], handicap: str) -> Hidden:
-    mass, frequency, split, ratio = np.exp(rng.uniform(np.log(0.3), np.log(20.0))), rng.uniform(80.0, 400.0), rng.uniform(0.0, 0.12), rng.uniform(0.01, 0.05)
+    mass, frequency, split, ratio = (
+        np.exp(rng.uniform(np.log(0.3), np.log(20.0))),
+        rng.uniform(80.0, 400.0),
+        rng.uniform(0.0, 0.12),
+        rng.uniform(0.01, 0.05),
+    )
     stiffness = mass * frequency**2
-    declared = Machine(float(mass), (stiffness * (1 + split / 2), stiffness * (1 - split / 2)), (ratio, ratio * rng.uniform(0.7, 1.4)))
+    declared = Machine(
+        float(mass), (stiffness * (1 + split / 2), stiffness * (1 - split / 2)), (ratio, ratio * rng.uniform(0.7, 1.4))
+    )
     if handicap == "uncertain mass":
         declared = dataclasses.replace(declared, mass=float(mass * rng.uniform(0.97, 1.03)))
     machine = dataclasses.replace(declared, mass=float(mass))
-    machine = dataclasses.replace(machine, ratio=tuple(c / (2 * np.sqrt(k * mass)) for c, k in zip(declared.damping, machine.stiffness, strict=True)))
+    machine = dataclasses.replace(
+        machine,
+        ratio=tuple(c / (2 * np.sqrt(k * mass)) for c, k in zip(declared.damping, machine.stiffness, strict=True)),
+    )
     orders = ORDERS[rng.integers(len(ORDERS))]
     speeds = np.sort(rng.uniform(0.5, 1.5, rng.integers(6, 10))) * frequency
     grade = mass * rng.uniform(1e-5, 8e-5)
-    weights = [complex(grade * rng.uniform(0.3, 1.0) * np.exp(2j * np.pi * rng.random())) for _ in range(rng.integers(2, 4))]
+    weights = [
+        complex(grade * rng.uniform(0.3, 1.0) * np.exp(2j * np.pi * rng.random())) for _ in range(rng.integers(2, 4))
+    ]
     springs = list(zip(machine.stiffness, machine.damping, strict=True))
-    amplitude = max(abs(w) * s**2 / abs(k - mass * s**2 + 1j * s * c) for w in weights for s in speeds for k, c in springs)
+    amplitude = max(
+        abs(w) * s**2 / abs(k - mass * s**2 + 1j * s * c) for w in weights for s in speeds for k, c in springs
+    )
     gravity = DOWN if any(name in WEIGHED for name in hidden) or rng.random() < 0.4 else (0.0, 0.0)
     rotor = _Rotor(machine, float(amplitude), float(grade), rng, gravity)
     for name in hidden:
@@ -224,7 +270,9 @@ def _measured(rng: np.random.Generator, hidden: tuple[str, ...], handicap: str) 
         "one probe": lambda: cut(measurement, every, probe=int(rng.integers(2))),
         "one run": lambda: cut(measurement, np.flatnonzero(run == 0).tolist()),
         "noise unknown": lambda: dataclasses.replace(measurement, sigma=None, noise="unknown"),
-        "uncertain mass": lambda: dataclasses.replace(measurement, knowledge=Knowledge(uncertain=(Uncertain("mass_error", "error", 0.03, True, "mass"),))),
+        "uncertain mass": lambda: dataclasses.replace(
+            measurement, knowledge=Knowledge(uncertain=(Uncertain("mass_error", "error", 0.03, True, "mass"),))
+        ),
     }[handicap]()
     rotor_declared = Jeffcott(declared.mass, list(declared.stiffness), list(declared.ratio), gravity=list(gravity))
     known = {*hidden, *(("mass_error",) if handicap == "uncertain mass" else ())}

@@ -1,4 +1,6 @@
-"""Machines, plans and forces along one axis drawn by seed, integrated in time: what is drawn shares nothing with the code under test."""
+"""Machines, plans and forces along one axis drawn by seed, integrated in time: what is drawn shares nothing with the
+code under test.
+"""
 
 import dataclasses
 
@@ -49,7 +51,9 @@ class Drawn:
 
 
 def draw(seed: int) -> Drawn:
-    """Shapes take turns; all else is drawn anew until the rotor settles into a motion that repeats itself every turn."""
+    """Shapes take turns; all else is drawn anew until the rotor settles into a motion that repeats
+    itself every turn.
+    """
     rng = np.random.default_rng([2026, seed])
     shape = list(SHAPES)[seed % len(SHAPES)]
     while True:
@@ -60,11 +64,18 @@ def draw(seed: int) -> Drawn:
             rng.uniform(0.01, 0.05),
         )
         stiffness = mass * frequency**2
-        machine = Machine(float(mass), (stiffness * (1 + split / 2), stiffness * (1 - split / 2)), (ratio, ratio * rng.uniform(0.7, 1.4)))
+        machine = Machine(
+            float(mass),
+            (stiffness * (1 + split / 2), stiffness * (1 - split / 2)),
+            (ratio, ratio * rng.uniform(0.7, 1.4)),
+        )
         orders = ORDERS[rng.integers(len(ORDERS))]
         speeds = tuple(float(s) for s in np.sort(rng.uniform(0.5, 1.5, rng.integers(5, 9))) * frequency)
         eccentricity = rng.uniform(1e-5, 8e-5)
-        weights = {f"run{k}": [complex(mass * eccentricity * rng.uniform(0.3, 1.0) * np.exp(2j * np.pi * rng.random()))] for k in range(rng.integers(2, 4))}
+        weights = {
+            f"run{k}": [complex(mass * eccentricity * rng.uniform(0.3, 1.0) * np.exp(2j * np.pi * rng.random()))]
+            for k in range(rng.integers(2, 4))
+        }
         amplitude = _largest(machine, speeds, [w[0] for w in weights.values()])
         axis = int(rng.integers(2))
         force = _force(shape, axis, stiffness, ratio, frequency, amplitude, rng)
@@ -79,14 +90,22 @@ def draw(seed: int) -> Drawn:
 
 def _largest(machine: Machine, speeds: tuple[float, ...], unbalance: list[complex]) -> float:
     pairs = list(zip(machine.stiffness, machine.damping, strict=True))
-    return max(abs(u) * s**2 / abs(k - machine.mass * s**2 + 1j * s * c) for u in unbalance for s in speeds for k, c in pairs)
+    return max(
+        abs(u) * s**2 / abs(k - machine.mass * s**2 + 1j * s * c) for u in unbalance for s in speeds for k, c in pairs
+    )
 
 
-def _force(shape: str, axis: int, stiffness: float, ratio: float, frequency: float, a: float, rng: np.random.Generator) -> in_time.Force:
+def _force(
+    shape: str, axis: int, stiffness: float, ratio: float, frequency: float, a: float, rng: np.random.Generator
+) -> in_time.Force:
     """Of a size between half and three times the damping force at the largest amplitude ``a``."""
     push = 2 * ratio * stiffness * a * rng.uniform(0.5, 3.0)
     phase, side, share = rng.uniform(0.0, 2 * np.pi), rng.choice([-1.0, 1.0]), rng.uniform(0.4, 0.8)
-    stop, pulse, sign = rng.uniform(0.05, 0.4) * stiffness, rng.uniform(0.03, 0.1) * stiffness, -1.0 if rng.random() < 0.3 else 1.0
+    stop, pulse, sign = (
+        rng.uniform(0.05, 0.4) * stiffness,
+        rng.uniform(0.03, 0.1) * stiffness,
+        -1.0 if rng.random() < 0.3 else 1.0,
+    )
     along = {
         "cubic": lambda angle, q, v, other: sign * push * (q / a) ** 3,
         "dead band": lambda angle, q, v, other: stop * np.sign(q) * np.maximum(abs(q) - share * a, 0.0),
@@ -95,7 +114,9 @@ def _force(shape: str, axis: int, stiffness: float, ratio: float, frequency: flo
         "quadratic damping": lambda angle, q, v, other: push * abs(v) * v / (frequency * a) ** 2,
         "dry friction": lambda angle, q, v, other: 0.5 * push * v / np.sqrt(v**2 + in_time.STICTION**2),
         "constant direction, once per turn": lambda angle, q, v, other: push * np.cos(angle + phase) + 0.0 * q,
-        "constant direction, twice per turn": lambda angle, q, v, other: 3.0 * push * np.cos(2 * angle + phase) + 0.0 * q,
+        "constant direction, twice per turn": lambda angle, q, v, other: (
+            3.0 * push * np.cos(2 * angle + phase) + 0.0 * q
+        ),
         "stiffness twice per turn": lambda angle, q, v, other: pulse * np.cos(2 * angle + phase) * q,
         "fifth power": lambda angle, q, v, other: push * (q / a) ** 5,
         "stiffened by the other direction": lambda angle, q, v, other: 2.0 * push * q * other**2 / a**3,
@@ -118,5 +139,7 @@ def measured(drawn: Drawn) -> tuple[Model, Measurement]:
     run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
     unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
     conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance)
-    measurement = Measurement.from_arrays(drawn.vectors, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma)
+    measurement = Measurement.from_arrays(
+        drawn.vectors, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma
+    )
     return Model(rotor, layout=Layout(orders=orders)), measurement

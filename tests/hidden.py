@@ -28,8 +28,12 @@ class Machine:
         return float(np.sqrt(np.mean(self.stiffness) / self.mass))
 
 
-def hide(rotor: TimeRotor, machine: Machine, name: str, v: list[float], speed: float, weights: list[complex]) -> TimeRotor:
-    """The rotor with an effect; ``v``: its values in SI, in the order of the catalogue page; ``weights``: unbalance per plane."""
+def hide(
+    rotor: TimeRotor, machine: Machine, name: str, v: list[float], speed: float, weights: list[complex]
+) -> TimeRotor:
+    """The rotor with an effect; ``v``: its values in SI, in the order of the catalogue page; ``weights``: unbalance per
+    plane.
+    """
     growth = (speed / machine.frequency) ** 2
     x, y = rotor.stiffness
     changes = {
@@ -48,7 +52,10 @@ def hide(rotor: TimeRotor, machine: Machine, name: str, v: list[float], speed: f
         "gyroscopic": lambda: {"gyroscopic": v[0]},
         "foundation": lambda: {"foundation": _foundation(machine, *v)},
         "probe_gain": lambda: {"gains": tuple(g * (1 + e) for g, e in zip(rotor.gains, v, strict=True))},
-        "chain_gain": lambda: {"gains": tuple(g * abs(1 + complex(*v)) for g in rotor.gains), "delay": -np.angle(1 + complex(*v)) / speed},
+        "chain_gain": lambda: {
+            "gains": tuple(g * abs(1 + complex(*v)) for g in rotor.gains),
+            "delay": -np.angle(1 + complex(*v)) / speed,
+        },
         "probe_angle": lambda: {"probes": tuple((a + e, p, f) for (a, p, f), e in zip(rotor.probes, v, strict=True))},
         "phase_reference_offset": lambda: {"reference": v[0]},
         "time_delay": lambda: {"delay": v[0]},
@@ -58,7 +65,9 @@ def hide(rotor: TimeRotor, machine: Machine, name: str, v: list[float], speed: f
     return dataclasses.replace(rotor, **changes[name]())
 
 
-def _foundation(machine: Machine, compliance: float, log_frequency: float, log_damping: float) -> tuple[float, float, float]:
+def _foundation(
+    machine: Machine, compliance: float, log_frequency: float, log_damping: float
+) -> tuple[float, float, float]:
     stiffness, own = 1.0 / compliance, machine.frequency * np.exp(log_frequency)
     return stiffness, stiffness / own**2, 2 * 0.05 * np.exp(log_damping) * stiffness / own
 
@@ -89,16 +98,24 @@ def measure(machine: Machine, plan: Plan, hidden: dict[str, list[float]], rng: n
 
 
 def sufficient(cls, *, seed: int, factor: float = 1.0, machine: Machine = Machine(), hidden: bool = True):
-    """A nominal model, and a measurement by the plan that the catalogue calls sufficient, with an effect of one prior scale hidden."""
+    """A nominal model, and a measurement by the plan that the catalogue calls sufficient, with an effect of one prior
+    scale hidden.
+    """
     from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model
 
     rng = np.random.default_rng(seed)
     plan = cls.sufficient
     layout = Layout(planes=tuple(f"disk{k + 1}" for k in range(plan.planes)), orders=plan.orders)
-    model = Model(Jeffcott(machine.mass, list(machine.stiffness), list(machine.ratio)), participation=np.ones(plan.planes), layout=layout)
+    model = Model(
+        Jeffcott(machine.mass, list(machine.stiffness), list(machine.ratio)),
+        participation=np.ones(plan.planes),
+        layout=layout,
+    )
     grade = model.rotor.quantities()["unbalance"]
     weights = {}
-    for run, weight in enumerate(grade * np.array([1.0, 5.0, 5.0, 5.0])[: plan.runs] * np.exp(2.1j * np.arange(plan.runs))):
+    for run, weight in enumerate(
+        grade * np.array([1.0, 5.0, 5.0, 5.0])[: plan.runs] * np.exp(2.1j * np.arange(plan.runs))
+    ):
         weights[f"run{run}"] = [complex(weight) if plane == run % plan.planes else 0j for plane in range(plan.planes)]
     values: list[float] = []
     for p in cls.parameters():
@@ -113,5 +130,7 @@ def sufficient(cls, *, seed: int, factor: float = 1.0, machine: Machine = Machin
     installed = np.array([[[w.real, w.imag] for w in planes] for planes in weights.values()])[run]
     conditions = Conditions.at(np.tile(speeds, plan.runs), unbalance=installed)
     present = np.ones(z.shape, bool)
-    measurement = Measurement.from_arrays(np.where(present, z, np.nan), conditions, run=run, runs=tuple(weights), orders=plan.orders, sigma=done.sigma)
+    measurement = Measurement.from_arrays(
+        np.where(present, z, np.nan), conditions, run=run, runs=tuple(weights), orders=plan.orders, sigma=done.sigma
+    )
     return model, measurement, values

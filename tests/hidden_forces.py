@@ -1,4 +1,6 @@
-"""Measurements with a force hidden in them that depends on motion, by time integration, on the plan that its catalogue page calls sufficient."""
+"""Measurements with a force hidden in them that depends on motion, by time integration, on the plan that its catalogue
+page calls sufficient.
+"""
 
 import numpy as np
 
@@ -26,7 +28,9 @@ def force_of(name: str, v: list[float], gravity: tuple[float, float]) -> tuple[i
     return (forces[name](),) if name in forces else ()
 
 
-def measured(forces: tuple[in_time.Force, ...], plan: Plan, rng: np.random.Generator, gravity: tuple[float, float], bend=None) -> tuple[Model, Measurement]:
+def measured(
+    forces: tuple[in_time.Force, ...], plan: Plan, rng: np.random.Generator, gravity: tuple[float, float], bend=None
+) -> tuple[Model, Measurement]:
     """The model that knows nothing of the forces, and what they let be measured."""
     rotor = Jeffcott(MACHINE.mass, list(MACHINE.stiffness), list(MACHINE.ratio), gravity=list(gravity))
     z = in_time.measure(MACHINE, plan, forces, rng, gravity=gravity, bend=bend)
@@ -34,7 +38,9 @@ def measured(forces: tuple[in_time.Force, ...], plan: Plan, rng: np.random.Gener
     installed = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
     conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=installed)
     orders = tuple(float(n) for n in plan.orders)
-    measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma)
+    measurement = Measurement.from_arrays(
+        z, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma
+    )
     return Model(rotor, layout=Layout(orders=orders)), measurement
 
 
@@ -48,7 +54,9 @@ def sufficient(cls, *, seed: int, factor: float = 1.0, gravity: tuple[float, flo
     size = grade * np.array([1.0, 5.0, 5.0, 5.0])[: plan.runs] * np.exp(2.1j * np.arange(plan.runs))
     speeds = tuple(s * MACHINE.frequency for s in plan.speeds)
     values = [p.prior_scale(rotor) * factor for p in cls.parameters()]
-    done = Plan({f"run{k}": [complex(w)] for k, w in enumerate(size)}, speeds, tuple(int(n) for n in plan.orders), sigma=SIGMA)
+    done = Plan(
+        {f"run{k}": [complex(w)] for k, w in enumerate(size)}, speeds, tuple(int(n) for n in plan.orders), sigma=SIGMA
+    )
     bend = in_time.saturation(1.0 / values[0]) if cls.name == "probe_saturation" else None
     model, measurement = measured(force_of(cls.name, values, weight), done, rng, weight, bend)
     return model, measurement, values

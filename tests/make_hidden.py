@@ -25,7 +25,11 @@ RUNS = ("baseline", "trial-a", "trial-b")
 def draw_machine(rng: np.random.Generator) -> hidden.Machine:
     stiffness = float(np.exp(rng.uniform(np.log(3e4), np.log(1e6))))
     ratio = rng.uniform(0.02, 0.06, 2)
-    return hidden.Machine(float(np.exp(rng.uniform(0.0, 2.0))), (round(stiffness), round(stiffness * rng.uniform(0.85, 1.0))), tuple(ratio.round(4).tolist()))
+    return hidden.Machine(
+        float(np.exp(rng.uniform(0.0, 2.0))),
+        (round(stiffness), round(stiffness * rng.uniform(0.85, 1.0))),
+        tuple(ratio.round(4).tolist()),
+    )
 
 
 def draw_effects(rng: np.random.Generator, rotor: Jeffcott) -> dict[str, list[float]]:
@@ -51,7 +55,8 @@ def write_case(folder: Path, machine: hidden.Machine, plan: hidden.Plan, z: np.n
     x, y = machine.stiffness
     rig = [
         "[rotor]", f"mass_kg = {machine.mass!r}", f"stiffness_n_per_m = {{ x = {x}, y = {y} }}",
-        f"damping_ratio = {{ x = {machine.ratio[0]}, y = {machine.ratio[1]} }}", "[probes]", "X = { angle_deg = 0.0 }", "Y = { angle_deg = 90.0 }",
+        f"damping_ratio = {{ x = {machine.ratio[0]}, y = {machine.ratio[1]} }}", "[probes]",
+        "X = { angle_deg = 0.0 }", "Y = { angle_deg = 90.0 }",
     ]  # fmt: skip
     lines = ["run,speed_rpm,probe,order,amplitude_um,phase_deg,sigma_um"]
     sigma = f"{plan.sigma * 1e6:.4f}"
@@ -61,7 +66,10 @@ def write_case(folder: Path, machine: hidden.Machine, plan: hidden.Plan, z: np.n
         rig += [f"[runs.{run}]", f"unbalance = {{ magnitude_g_mm = {size:.6f}, angle_deg = {angle:.4f} }}"]
         for speed in plan.speeds:
             for probe, value in zip("XY", next(cells)[:, 0], strict=True):
-                lines.append(f"{run},{speed * 30 / np.pi:.6f},{probe},1,{abs(value) * 1e6:.6f},{np.degrees(np.angle(value)):.5f},{sigma}")
+                lines.append(
+                    f"{run},{speed * 30 / np.pi:.6f},{probe},1,"
+                    f"{abs(value) * 1e6:.6f},{np.degrees(np.angle(value)):.5f},{sigma}"
+                )
     (folder / "rig.toml").write_text("\n".join(rig) + "\n", encoding="utf-8")
     (folder / "measurement.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -72,15 +80,21 @@ def main() -> None:
     parser.add_argument("truth", type=Path)
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    truth = ["# What is hidden in rotorjax/data/hidden, in SI, in the order of the catalogue page. Never read by the tool."]
+    truth = [
+        "# What is hidden in rotorjax/data/hidden, in SI, in the order of the catalogue page. Never read by the tool."
+    ]
     for case in range(1, CASES + 1):
         rng = np.random.default_rng([SEED, case])
         machine = draw_machine(rng)
         rotor = Jeffcott(machine.mass, list(machine.stiffness), list(machine.ratio))
-        weights = rotor.quantities()["unbalance"] * np.array([0.0, 5.0, 5.0]) * np.exp(1j * np.radians([0.0, 0.0, 120.0]))
+        weights = (
+            rotor.quantities()["unbalance"] * np.array([0.0, 5.0, 5.0]) * np.exp(1j * np.radians([0.0, 0.0, 120.0]))
+        )
         speeds = machine.frequency * np.array([0.5, 0.65, 0.8, 0.9, 0.96, 1.04, 1.12, 1.25, 1.4, 1.6])
         sigma = rotor.quantities()["eccentricity"] * rng.uniform(0.003, 0.02)
-        plan = hidden.Plan({run: [complex(w)] for run, w in zip(RUNS, weights, strict=True)}, tuple(speeds), sigma=round(sigma, 10))
+        plan = hidden.Plan(
+            {run: [complex(w)] for run, w in zip(RUNS, weights, strict=True)}, tuple(speeds), sigma=round(sigma, 10)
+        )
         drawn = draw_effects(rng, rotor)
         write_case(arguments.folder / f"case_{case}", machine, plan, hidden.measure(machine, plan, drawn, rng))
         truth += [f"[case_{case}]", *(f"{name} = {values}" for name, values in drawn.items())]

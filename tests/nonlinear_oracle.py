@@ -1,7 +1,8 @@
-"""An independent answer for forces that depend on motion: the rotor integrated in time until it repeats itself. Shares no code with rotorjax.
+"""An independent answer for forces that depend on motion: the rotor integrated in time until it repeats itself. Shares
+no code with rotorjax.
 
-M q̈ + C q̇ + K (q - bow(t)) + Σ f(φ, q, q̇, q - bow(t)) = M g + Ω² U(t), everything longhand: a transient, then Newton's method on the state over one
-period (shooting), then samples of that period as a recorder would take them.
+M q̈ + C q̇ + K (q - bow(t)) + Σ f(φ, q, q̇, q - bow(t)) = M g + Ω² U(t), everything longhand: a transient, then
+Newton's method on the state over one period (shooting), then samples of that period as a recorder would take them.
 """
 
 import cmath
@@ -14,7 +15,9 @@ from scipy.integrate import solve_ivp
 from hidden import Machine, Plan
 
 Force = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""f(angle, position, velocity, deflection) [N], on the left-hand side. Pairs are (x, y) along the first axis; a second axis holds further motions."""
+"""f(angle, position, velocity, deflection) [N], on the left-hand side. Pairs are (x, y) along the first axis; a second
+axis holds further motions.
+"""
 
 SAMPLES = 512
 """Per turn."""
@@ -39,7 +42,9 @@ class Orbit:
     position: np.ndarray
     """Time x (x, y)."""
     multiplier: float
-    """Largest absolute Floquet multiplier: what is left of a disturbance after one period, so that below one the motion is stable."""
+    """Largest absolute Floquet multiplier: what is left of a disturbance after one period, so that below one the motion
+    is stable.
+    """
 
 
 @dataclasses.dataclass
@@ -60,8 +65,12 @@ class NonlinearRotor:
     """Turns before the shooting begins."""
 
     def _equation(self, speed: float) -> Callable[[float, np.ndarray], np.ndarray]:
-        """The state's rate of change; the state is flat: x, y and their velocities, each for as many motions as there are."""
-        stiffness, damping, weight = np.array([self.stiffness, self.damping, [self.mass * g for g in self.gravity]])[:, :, None]
+        """The state's rate of change; the state is flat: x, y and their velocities, each for as many motions as there
+        are.
+        """
+        stiffness, damping, weight = np.array([self.stiffness, self.damping, [self.mass * g for g in self.gravity]])[
+            :, :, None
+        ]
         unbalance, bow, sense = speed**2 * complex(self.unbalance), complex(self.bow), self.sense
 
         def rate(t: float, flat: np.ndarray) -> np.ndarray:
@@ -98,14 +107,17 @@ class NonlinearRotor:
         return found
 
     def orbit(self, speed: float, turns: int = 1, start: np.ndarray | None = None) -> Orbit:
-        """The motion with a period of so many turns that is reached from a state (x, y, their velocities), at rest unless given.
+        """The motion with a period of so many turns that is reached from a state (x, y, their velocities), at rest
+        unless given.
 
         **Errors.** ``RuntimeError`` where the motion does not settle into one.
         """
         period, units = 2 * np.pi / speed, np.array([1.0, 1.0, speed, speed])
         state = np.zeros(4) if start is None else np.asarray(start, float)
         # Friction spread over a small speed is stiff; where this ends need not be exact.
-        state = self._integrate(state[:, None], speed, self.transient, rtol=1e-6, method="LSODA", t_eval=[self.transient * period]).y[:, -1]
+        state = self._integrate(
+            state[:, None], speed, self.transient, rtol=1e-6, method="LSODA", t_eval=[self.transient * period]
+        ).y[:, -1]
         fine = {"rtol": 1e-12, "max_step": period / LEAST_STEPS}
         for _ in range(25):
             size = max(np.max(np.abs(state / units)), 1e-9)
@@ -122,8 +134,11 @@ class NonlinearRotor:
         solution = self._integrate(state[:, None], speed, turns, **fine, dense_output=True).sol(times)
         return Orbit(times, solution[0:2].T, float(np.max(np.abs(np.linalg.eigvals(change)))))
 
-    def vectors(self, speed: float, orders: tuple[float, ...] = (1.0,), probes: tuple[float, ...] = (0.0, np.pi / 2)) -> np.ndarray:
-        """Complex amplitude per probe and order, displacement(t) = Re[z e^{inΩt}]; order 0 is the mean. ``probes``: their angles.
+    def vectors(
+        self, speed: float, orders: tuple[float, ...] = (1.0,), probes: tuple[float, ...] = (0.0, np.pi / 2)
+    ) -> np.ndarray:
+        """Complex amplitude per probe and order, displacement(t) = Re[z e^{inΩt}]; order 0 is the mean. ``probes``:
+        their angles.
 
         **Errors.** ``RuntimeError`` where the motion is unstable.
         """
@@ -131,10 +146,14 @@ class NonlinearRotor:
         orbit = self.orbit(speed, turns)
         if orbit.multiplier >= 1.0:
             raise RuntimeError(f"unstable at {speed} rad/s: multiplier {orbit.multiplier:.4f}")
-        waves = np.array([np.cos(angle) * orbit.position[:, 0] + np.sin(angle) * orbit.position[:, 1] for angle in probes])
+        waves = np.array(
+            [np.cos(angle) * orbit.position[:, 0] + np.sin(angle) * orbit.position[:, 1] for angle in probes]
+        )
         if self.bend is not None:
             waves = self.bend(waves)
-        columns = [(1.0 if n == 0 else 2.0) * np.mean(waves * np.exp(-1j * n * speed * orbit.times), axis=1) for n in orders]
+        columns = [
+            (1.0 if n == 0 else 2.0) * np.mean(waves * np.exp(-1j * n * speed * orbit.times), axis=1) for n in orders
+        ]
         return np.stack(columns, axis=1)
 
 
@@ -233,7 +252,9 @@ def quadratic_damping_x(drag: float) -> Force:
 
 
 def pulsating(force: complex, direction: float, times: int = 1) -> Force:
-    """|F| cos(n φ + arg F) along a fixed direction [rad], n times per turn; on the left-hand side as every force here."""
+    """|F| cos(n φ + arg F) along a fixed direction [rad], n times per turn; on the left-hand side as
+    every force here.
+    """
     phase, across, up = np.angle(force), np.cos(direction), np.sin(direction)
 
     def push(angle, q, v, d):
@@ -258,7 +279,8 @@ def measure(
     sense: int = 1,
     bend: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Vectors, case x probe x order [m], runs one after the other, with Gaussian noise on real and imaginary parts; order 0 is real.
+    """Vectors, case x probe x order [m], runs one after the other, with Gaussian noise on real and imaginary parts;
+    order 0 is real.
 
     ``forces``: the same at every speed, or a function of the speed.
     """
@@ -266,7 +288,9 @@ def measure(
     for weights in plan.weights.values():
         for speed in plan.speeds:
             present = tuple(forces(speed)) if callable(forces) else tuple(forces)
-            rotor = NonlinearRotor(machine.mass, machine.stiffness, machine.damping, sense, gravity, sum(weights), plan.bow, present, bend)
+            rotor = NonlinearRotor(
+                machine.mass, machine.stiffness, machine.damping, sense, gravity, sum(weights), plan.bow, present, bend
+            )
             vectors.append(rotor.vectors(speed, plan.orders))
     clean = np.array(vectors)
     noisy = clean + plan.sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))

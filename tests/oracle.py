@@ -46,7 +46,9 @@ class TimeRotor:
         return np.array([[turned.real], [self.sense * turned.imag]])
 
     def _rate(self, speed: float, driven: np.ndarray) -> Callable[[float, np.ndarray], np.ndarray]:
-        """The states' rate of change, several at once: state x motion in a row. Each is ``driven`` by what excites the rotor, or not."""
+        """The states' rate of change, several at once: state x motion in a row. Each is ``driven`` by what excites the
+        rotor, or not.
+        """
         turn = np.array([[np.cos(self.axes), -np.sin(self.axes)], [np.sin(self.axes), np.cos(self.axes)]])
         spring, damping = turn @ np.diag(self.stiffness) @ turn.T, np.array(self.damping)[:, None]
         across_of = self.sense * np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -82,7 +84,9 @@ class TimeRotor:
 
         def integrate(starts: np.ndarray, driven: np.ndarray, dense: bool = False):
             rate = self._rate(speed, driven)
-            return solve_ivp(rate, (0.0, period), starts.ravel(), method="DOP853", rtol=1e-11, atol=1e-16, dense_output=dense)
+            return solve_ivp(
+                rate, (0.0, period), starts.ravel(), method="DOP853", rtol=1e-11, atol=1e-16, dense_output=dense
+            )
 
         free = integrate(np.eye(size, size + 1), np.arange(size + 1) == size).y[:, -1].reshape(size, size + 1)
         start = np.linalg.solve(np.eye(size) - free[:, :size], free[:, size])
@@ -90,7 +94,9 @@ class TimeRotor:
         recorder = np.arange(SAMPLES) * period / SAMPLES
         states = orbit((recorder - self.delay + self.reference / speed) % period)
         seen = []
-        for (angle, participation, on_foundation), gain, runout in zip(self.probes, self.gains, self.runout, strict=True):
+        for (angle, participation, on_foundation), gain, runout in zip(
+            self.probes, self.gains, self.runout, strict=True
+        ):
             x, y = states[0:2] - (states[4:6] if on_foundation and self.foundation else 0.0)
             wave = participation * (np.cos(angle) * x + np.sin(angle) * y)
             shaft = speed * (recorder - self.delay) + self.reference

@@ -22,7 +22,9 @@ def read_text(path: Path) -> str:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}:{line}: not UTF-8; save the file as UTF-8 (for a table in Excel: 'CSV UTF-8')") from error
+        raise InputError(
+            f"{path}:{line}: not UTF-8; save the file as UTF-8 (for a table in Excel: 'CSV UTF-8')"
+        ) from error
     if "\0" in text:
         raise InputError(f"{path}: holds zero bytes, so it is not a text file; give a CSV or TOML file")
     return text
@@ -36,7 +38,9 @@ def write_whole(path: Path, content: str | bytes) -> None:
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose a folder that exists") from error
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror or error}); choose a folder that exists"
+        ) from error
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content.encode() if isinstance(content, str) else content)

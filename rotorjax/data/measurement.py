@@ -108,21 +108,30 @@ class Measurement(Shown):
     ) -> "Measurement":
         """A measurement from arrays.
 
-        **Arguments:** ``vectors`` [m], zero-to-peak, phase leading; not a number where nothing was measured. ``conditions``: speed and what was
-        installed, case by case; ``run``: index into ``runs`` of every case, by default the first; ``sigma`` [m]: standard error of real and of
-        imaginary part, one for all or cell by cell, none where the noise is unknown; ``repeat``: labels of repeated readings.
+        **Arguments:** ``vectors`` [m], zero-to-peak, phase leading; not a number where nothing was measured.
+        ``conditions``: speed and what was installed, case by case; ``run``: index into ``runs`` of every case, by
+        default the first; ``sigma`` [m]: standard error of real and of imaginary part, one for all or cell by cell,
+        none where the noise is unknown; ``repeat``: labels of repeated readings.
         **Errors.** ``ValueError`` for shapes that do not match.
         """
         expected = (len(conditions.speed), len(probes), len(orders))
         if vectors.shape != expected:
-            raise ValueError(f"vectors have shape {vectors.shape}; {expected[0]} conditions, {expected[1]} probes and {expected[2]} orders need {expected}")
+            raise ValueError(
+                f"vectors have shape {vectors.shape}; {expected[0]} conditions, {expected[1]} probes and {expected[2]} "
+                f"orders need {expected}"
+            )
         index = np.zeros(len(vectors), int) if run is None else run
         if len(index) != len(vectors) or np.any((index < 0) | (index >= len(runs))):
-            raise ValueError(f"run {int(np.max(index, initial=0))} is not among {', '.join(runs)}: give each of {len(vectors)} cases the index of its run")
+            raise ValueError(
+                f"run {int(np.max(index, initial=0))} is not among {', '.join(runs)}: give each of {len(vectors)} "
+                "cases the index of its run"
+            )
         present = np.isfinite(vectors)
         return cls(
-            runs, probes, orders, index, repeat or ("",) * len(vectors), conditions, np.where(present, vectors, 0.0), present,
-            None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy(), "unknown" if sigma is None else "given", knowledge,
+            runs, probes, orders, index, repeat or ("",) * len(vectors), conditions, np.where(present, vectors, 0.0),
+            present,
+            None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy(),
+            "unknown" if sigma is None else "given", knowledge,
         )  # fmt: skip
 
     @property
@@ -133,7 +142,10 @@ class Measurement(Shown):
     def __repr__(self) -> str:
         orders = ", ".join(f"{order:g}X" for order in self.orders)
         size = f"{int(self.present.sum())} vectors of {self.rms / MICROMETRE:.3g} µm rms"
-        return f"Measurement(runs {', '.join(self.runs)}; {len(self.run)} cases; probes {', '.join(self.probes)}; {orders}; {size}; noise {self.noise})"
+        return (
+            f"Measurement(runs {', '.join(self.runs)}; {len(self.run)} cases; probes {', '.join(self.probes)}; "
+            f"{orders}; {size}; noise {self.noise})"
+        )
 
     @property
     def speed_rpm(self) -> Float[np.ndarray, "case"]:
@@ -146,12 +158,16 @@ class Measurement(Shown):
         return float(np.sqrt(np.mean(np.abs(self.vectors[self.present]) ** 2)))
 
     def rms_of(self, predicted: Complex[np.ndarray, "case probe order"]) -> float:
-        """Root mean square of |measured - predicted| over the cells present, half orders at the sign nearer to the prediction [m]."""
+        """Root mean square of |measured - predicted| over the cells present, half orders at the sign nearer to the
+        prediction [m].
+        """
         left = self.vectors * self.half_order_sign(predicted) - predicted
         return float(np.sqrt(np.mean(np.abs(left[self.present]) ** 2)))
 
     def half_order_sign(self, predicted: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case 1 order"]:
-        """The sign, one per case for all probes, that brings a measured half order nearer to the prediction: a once-per-turn reference leaves it open."""
+        """The sign, one per case for all probes, that brings a measured half order nearer to the prediction: a
+        once-per-turn reference leaves it open.
+        """
         weight = self.present if self.sigma is None else self.weights(0.0)[..., 0] ** 2
         along = np.sum(np.real(self.vectors * np.conj(predicted)) * weight, axis=1, keepdims=True)
         half = np.array([is_half_order(order) for order in self.orders])
@@ -181,7 +197,9 @@ class Measurement(Shown):
         return both
 
 
-def cluster_speeds(speed_rpm: Float[np.ndarray, "case"], *, width: float = CLUSTER_WIDTH) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
+def cluster_speeds(
+    speed_rpm: Float[np.ndarray, "case"], *, width: float = CLUSTER_WIDTH
+) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
     """Group speeds within a relative ``width`` of the group's lowest.
 
     **Returns** the index of each one's group, and the groups' mean speeds, rising.
@@ -203,7 +221,9 @@ class Installed(NamedTuple):
     bow: Float[np.ndarray, "dof"]
 
 
-def arrange(rows: list[Row], *, runs: Mapping[str, Installed], probes: tuple[str, ...], knowledge: Knowledge) -> Measurement:
+def arrange(
+    rows: list[Row], *, runs: Mapping[str, Installed], probes: tuple[str, ...], knowledge: Knowledge
+) -> Measurement:
     """Dense arrays from the rows of a table.
 
     **Arguments:** ``rows`` without duplicates, runs and probes all known; ``runs`` what is installed in each run;
@@ -250,7 +270,9 @@ def _with_pure_error(measurement: Measurement) -> Measurement:
                 values = measurement.vectors[(group, *cell)][measurement.present[(group, *cell)]]
                 if len(values) > 1:
                     order = measurement.orders[cell[1]]
-                    aligned = values * np.where(is_half_order(order) & (np.real(values * np.conj(values[0])) < 0.0), -1.0, 1.0)
+                    aligned = values * np.where(
+                        is_half_order(order) & (np.real(values * np.conj(values[0])) < 0.0), -1.0, 1.0
+                    )
                     squares += float(np.sum(np.abs(aligned - aligned.mean()) ** 2))
                     freedoms += (1 if order == 0.0 else 2) * (len(values) - 1)
     if freedoms == 0 or squares == 0.0:
@@ -260,7 +282,8 @@ def _with_pure_error(measurement: Measurement) -> Measurement:
 
 
 def aligned_half_orders(measurement: Measurement) -> Measurement:
-    """The same with the signs of half orders, which a once-per-turn reference leaves open, brought into line from case to case.
+    """The same with the signs of half orders, which a once-per-turn reference leaves open, brought into line from case
+    to case.
 
     A fit compares up to that sign anyway; but where signs alternate, a start at zero sees no slope.
     """
@@ -284,6 +307,11 @@ def require_steady(predicted: Complex[np.ndarray, "case probe order"], measureme
     """
     lost = np.flatnonzero(~np.all(np.isfinite(predicted) | ~measurement.present, axis=(1, 2)))
     if len(lost):
-        shown = ", ".join(f"{measurement.runs[measurement.run[k]]} at {measurement.speed_rpm[k]:.0f} rpm" for k in lost[:MOST_NAMED])
+        shown = ", ".join(
+            f"{measurement.runs[measurement.run[k]]} at {measurement.speed_rpm[k]:.0f} rpm" for k in lost[:MOST_NAMED]
+        )
         more = f" and {len(lost) - MOST_NAMED} more" if len(lost) > MOST_NAMED else ""
-        raise InputError(f"the model has no steady state that could be found for {shown}{more}: weaken its forces that depend on motion, or leave those out")
+        raise InputError(
+            f"the model has no steady state that could be found for {shown}{more}: weaken its forces that depend on "
+            "motion, or leave those out"
+        )

@@ -39,7 +39,9 @@ class Document:
         except tomllib.TOMLDecodeError as error:
             where = re.search(r"at line (\d+)", str(error))
             place = f"{path}:{where[1]}" if where else str(path)
-            raise InputError(f"{place}: not valid TOML: {error}; mend that line, or give the rig file if this is another") from error
+            raise InputError(
+                f"{place}: not valid TOML: {error}; mend that line, or give the rig file if this is another"
+            ) from error
         self._lines: dict[str, int] = {}
         header = ""
         for number, line in enumerate(self.text.splitlines(), start=1):
@@ -94,7 +96,9 @@ class Section:
         self.asked.add(key)
         return self.data.get(key, default)
 
-    def number(self, key: str, default: Any = _REQUIRED, *, above: float = -math.inf, least: float = -math.inf) -> float:
+    def number(
+        self, key: str, default: Any = _REQUIRED, *, above: float = -math.inf, least: float = -math.inf
+    ) -> float:
         """A finite number, greater than ``above`` and at least ``least``."""
         value = self.raw(key, default)
         if value is _REQUIRED:

@@ -87,7 +87,9 @@ class Folded(NamedTuple):
     """Number in each bin."""
 
 
-def pulse_times(time: Numbers, reference: Numbers, *, threshold: float | None = None, edge: Literal["rising", "falling"] = "rising") -> Float[np.ndarray, "_"]:
+def pulse_times(
+    time: Numbers, reference: Numbers, *, threshold: float | None = None, edge: Literal["rising", "falling"] = "rising"
+) -> Float[np.ndarray, "_"]:
     """Instants at which a phase-reference channel crosses its threshold, interpolated linearly between samples.
 
     A crossing counts once the channel has gone from clearly low to clearly high (``HYSTERESIS``), so that noise on
@@ -105,12 +107,15 @@ def pulse_times(time: Numbers, reference: Numbers, *, threshold: float | None = 
     middle = level
     if edge == "falling":  # a rising one of the channel upside down
         channel, middle, low, high = -channel, -level, -high, -low
-    state = np.where(channel >= middle + HYSTERESIS * (high - middle), 1, 0) - np.where(channel <= middle - HYSTERESIS * (middle - low), 1, 0)
+    state = np.where(channel >= middle + HYSTERESIS * (high - middle), 1, 0) - np.where(
+        channel <= middle - HYSTERESIS * (middle - low), 1, 0
+    )
     clear = np.flatnonzero(state)
     fired = clear[1:][(state[clear][:-1] < 0) & (state[clear][1:] > 0)]
     if len(fired) < 2:
         raise ValueError(
-            f"the reference channel has {len(fired)} {edge} edge(s) through {level:g}; a shaft angle needs at least two pulses: "
+            f"the reference channel has {len(fired)} {edge} edge(s) through {level:g}; a shaft angle needs at least "
+            "two pulses: "
             "record more revolutions, or give a threshold within the pulses' height"
         )
     crossing = np.flatnonzero((channel[:-1] < middle) & (channel[1:] >= middle))
@@ -139,7 +144,13 @@ def shaft_angle(time: Numbers, pulses: Numbers) -> Float[np.ndarray, "sample"]:
 
 
 def vectors_from_waveform(
-    time: Numbers, displacement: Numbers, pulses: Numbers, *, orders: Sequence[float] = (1.0,), drift: int = 1, pulse_error: float | None = None
+    time: Numbers,
+    displacement: Numbers,
+    pulses: Numbers,
+    *,
+    orders: Sequence[float] = (1.0,),
+    drift: int = 1,
+    pulse_error: float | None = None,
 ) -> WaveformVectors:
     """Vibration vectors z_n by least squares over the whole revolutions of a record.
 
@@ -154,10 +165,11 @@ def vectors_from_waveform(
     that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial. One
     is good for a dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a
     quadratic one only 1/(π n N)²; ``pulse_error`` standard error common to all pulses [s], for edges shorter
-    than a sample at most one sample / √12, and just that by default where the pulses fall at the same place between samples
-    in every revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and cure, for
-    samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer than
-    two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
+    than a sample at most one sample / √12, and just that by default where the pulses fall at the same place between
+    samples in every revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``,
+    with place and cure, for samples not finite, shapes that do not match, time or pulses not rising, missing or double
+    pulses, fewer than two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026,
+    section 2.3.
     """
     instants, waves = _record(time, displacement, "displacement")
     marks = _within(_regular(pulses), instants)
@@ -167,31 +179,39 @@ def vectors_from_waveform(
     angle = np.where(used, shaft_angle(instants, marks), np.nan)
     design = _design(angle[used], instants[used], orders, drift)
     solution = np.linalg.lstsq(design, waves[used])[0]
-    left = waves[used] - design @ solution
     residual = np.full(waves.shape, np.nan)
-    residual[used] = left
+    residual[used] = left = waves[used] - design @ solution
     turning = np.asarray(orders, dtype=float)
     parts = solution[: 2 * len(turning)].reshape(len(turning), 2, -1)
-    covariance, pairs = [], []
-    for k, order in enumerate(turning):
-        near = _sidebands(order, turning, count)
-        pairs.append(len(near))
-        if len(near):
-            covariance.append(_scatter_of_sidebands(left, angle[used], order, near / count))
-        else:
-            step = order * TURN * count / len(left)
-            covariance.append(_variance_of_residual(left, design, slice(2 * k, 2 * k + 2), step))
+    covariance, pairs = _scatter(left, design, angle[used], turning, count)
     vectors = (parts[:, 0] - 1j * parts[:, 1]).T
     speed = TURN * count / (marks[-1] - marks[0])
     # A pulse late by τ turns z by n Ω τ.
     common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
     turned = 1j * turning[:, None] * speed * common_error * vectors.T
     common = numpy_pair(turned).reshape(len(turning), -1)
-    trend = np.polynomial.Polynomial.fit(marks, np.arange(count + 1.0), 2, domain=[marks[0], marks[-1]], window=[0.0, 1.0]).coef[2]
+    span = [marks[0], marks[-1]]
+    trend = np.polynomial.Polynomial.fit(marks, np.arange(count + 1.0), 2, domain=span, window=[0.0, 1.0]).coef[2]
     return WaveformVectors(
-        vectors, np.array(covariance) + common[:, :, None] * common[:, None, :], np.array(pairs),
+        vectors, covariance + common[:, :, None] * common[:, None, :], pairs,
         float(speed / RPM), float(2.0 * trend / count), count, angle, residual,
     )  # fmt: skip
+
+
+def _scatter(
+    left: np.ndarray, design: np.ndarray, angle: np.ndarray, orders: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance of each order's vectors by what is left beside it, and from how many pairs of sidebands."""
+    covariance, pairs = [], []
+    for k, order in enumerate(orders):
+        near = _sidebands(order, orders, count)
+        pairs.append(len(near))
+        if len(near):
+            covariance.append(_scatter_of_sidebands(left, angle, order, near / count))
+        else:
+            step = order * TURN * count / len(left)
+            covariance.append(_variance_of_residual(left, design, slice(2 * k, 2 * k + 2), step))
+    return np.array(covariance), np.array(pairs)
 
 
 def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
@@ -205,10 +225,16 @@ def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
     """
     turned, waves = np.asarray(angle, dtype=float), np.asarray(displacement, dtype=float)
     if turned.ndim != 1 or waves.ndim != 2 or len(turned) != len(waves):
-        raise ValueError(f"angle must have shape (sample,) and displacement (sample, probe); they have {turned.shape} and {waves.shape}")
+        raise ValueError(
+            f"angle must have shape (sample,) and displacement (sample, probe); they have {turned.shape} and "
+            f"{waves.shape}"
+        )
     known = np.isfinite(turned)
     if bins < 1 or not known.any():
-        raise ValueError(f"folding needs at least one bin and one known angle; there are {bins} and {known.sum()}: take the angle from shaft_angle")
+        raise ValueError(
+            f"folding needs at least one bin and one known angle; there are {bins} and {known.sum()}: take the angle "
+            "from shaft_angle"
+        )
     turned, waves = turned[known], waves[known]
     index = np.floor(turned / TURN % 1.0 * bins).astype(int) % bins
     count = np.bincount(index, minlength=bins)
@@ -225,7 +251,10 @@ def _levels(channel: Float[np.ndarray, "sample"], threshold: float | None) -> tu
     """Threshold, low and high level, blind to single spikes."""
     bottom, top = channel.min(), channel.max()
     if bottom == top:
-        raise ValueError(f"the reference channel is constant at {top:g}: check that the phase reference is connected and that this is its channel")
+        raise ValueError(
+            f"the reference channel is constant at {top:g}: check that the phase reference is connected and that this "
+            "is its channel"
+        )
     if threshold is not None and not bottom < threshold < top:
         raise ValueError(
             f"the reference channel never crosses the threshold {threshold:g}, it stays from {bottom:g} to {top:g}: "
@@ -237,7 +266,8 @@ def _levels(channel: Float[np.ndarray, "sample"], threshold: float | None) -> tu
     scatter = max(np.median(np.abs(below - centres[0])), np.median(np.abs(above - centres[1])))
     if threshold is None and centres[1] - centres[0] < TWO_LEVELS * scatter:
         raise ValueError(
-            "the reference channel shows noise and no two levels: check that the phase reference is connected; if its pulses are there, give a threshold"
+            "the reference channel shows noise and no two levels: check that the phase reference is connected; if its "
+            "pulses are there, give a threshold"
         )
     low, high = float(np.quantile(below, 1.0 - PLATEAU)), float(np.quantile(above, PLATEAU))
     return (0.5 * (low + high) if threshold is None else threshold), low, high
@@ -247,16 +277,26 @@ def _rising(values: Numbers, name: str) -> Float[np.ndarray, "sample"]:
     """One-dimensional, finite and rising, or a refusal that says where not."""
     array = np.asarray(values, dtype=float)
     if array.ndim != 1 or len(array) < 2:
-        raise ValueError(f"{name} must be a list of at least two instants [s]; it has shape {array.shape}: give one column")
+        raise ValueError(
+            f"{name} must be a list of at least two instants [s]; it has shape {array.shape}: give one column"
+        )
     if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} must be finite; entry {np.flatnonzero(~np.isfinite(array))[0]} is not: leave the broken samples out")
+        raise ValueError(
+            f"{name} must be finite; entry {np.flatnonzero(~np.isfinite(array))[0]} is not: "
+            "leave the broken samples out"
+        )
     fall = np.flatnonzero(np.diff(array) <= 0.0)
     if len(fall):
-        raise ValueError(f"{name} must rise; entry {fall[0] + 1} = {array[fall[0] + 1]:.6g} s does not: sort the record, or join parts with their true times")
+        raise ValueError(
+            f"{name} must rise; entry {fall[0] + 1} = {array[fall[0] + 1]:.6g} s does not: sort the record, or join "
+            "parts with their true times"
+        )
     return array
 
 
-def _record(time: Numbers, columns: Numbers, name: str) -> tuple[Float[np.ndarray, "sample"], Float[np.ndarray, "sample probe"]]:
+def _record(
+    time: Numbers, columns: Numbers, name: str
+) -> tuple[Float[np.ndarray, "sample"], Float[np.ndarray, "sample probe"]]:
     """Times and channels that belong together, or a refusal."""
     instants, waves = _rising(time, "time"), np.asarray(columns, dtype=float)
     if waves.ndim != 2 or waves.shape[0] != len(instants):
@@ -267,7 +307,10 @@ def _record(time: Numbers, columns: Numbers, name: str) -> tuple[Float[np.ndarra
     broken = np.argwhere(~np.isfinite(waves))
     if len(broken):
         row, column = broken[0]
-        raise ValueError(f"{name} must be finite; column {column} is not at t = {instants[row]:.6g} s: cut the record there or leave these samples out")
+        raise ValueError(
+            f"{name} must be finite; column {column} is not at t = {instants[row]:.6g} s: cut the record there or "
+            "leave these samples out"
+        )
     return instants, waves
 
 
@@ -275,21 +318,25 @@ def _regular(pulses: Numbers) -> Float[np.ndarray, "_"]:
     """Pulses one per revolution, or a refusal that says where one is missing or double."""
     marks = _rising(pulses, "pulses")
     period = np.diff(marks)
-    # Against the neighbours, so that a slow run-up passes; a mirror, because repeating the end would let a broken end judge itself.
+    # Against the neighbours, so that a slow run-up passes; a mirror, because repeating the end would let a broken end
+    # judge itself.
     usual = median_filter(period, size=5, mode="mirror") if len(period) > 2 else np.full(len(period), period.min())
     ratio = period / usual
     long, short = np.flatnonzero(ratio > IRREGULAR), np.flatnonzero(ratio < 1.0 / IRREGULAR)
     if len(short) and (not len(long) or short[0] < long[0]):
         k = short[0]
         raise ValueError(
-            f"pulses must come once per revolution; a double pulse near t = {marks[k + 1]:.6g} s ends a revolution of {ratio[k]:.2g} times the usual "
+            f"pulses must come once per revolution; a double pulse near t = {marks[k + 1]:.6g} s ends a revolution of "
+            f"{ratio[k]:.2g} times the usual "
             f"{usual[k]:.4g} s: leave that pulse out, or raise the threshold"
         )
     if len(long):
         k = long[0]
         raise ValueError(
-            f"pulses must come once per revolution; missing pulse at t = {marks[k] + usual[k]:.6g} s, a revolution lasts {ratio[k]:.2g} times the usual "
-            f"{usual[k]:.4g} s: cut the record there, or lower the threshold; a mark that passes in less than a sample needs a faster sampling or a wider mark"
+            f"pulses must come once per revolution; missing pulse at t = {marks[k] + usual[k]:.6g} s, a revolution "
+            f"lasts {ratio[k]:.2g} times the usual "
+            f"{usual[k]:.4g} s: cut the record there, or lower the threshold; a mark that passes in less than a sample "
+            "needs a faster sampling or a wider mark"
         )
     return marks
 
@@ -297,7 +344,8 @@ def _regular(pulses: Numbers) -> Float[np.ndarray, "_"]:
 def _common_pulse_error(marks: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> float:
     """One sample / √12 where the pulses fall at the same place between samples every time [s], else nothing.
 
-    A hard edge is known to a sample; only where its place among the samples changes from turn to turn does that show as scatter.
+    A hard edge is known to a sample; only where its place among the samples changes from turn to turn does that show as
+    scatter.
     """
     step = float(np.median(np.diff(time)))
     alike = abs(np.mean(np.exp(2j * np.pi * marks / step)))
@@ -310,8 +358,10 @@ def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -
     marks = pulses[(pulses >= time[0] - step) & (pulses <= time[-1] + step)]
     if len(marks) <= FEWEST_REVOLUTIONS:
         raise ValueError(
-            f"a record must hold at least {FEWEST_REVOLUTIONS} whole revolutions, {FEWEST_REVOLUTIONS + 1} pulses; this one holds {len(marks)} pulse(s) "
-            f"from t = {time[0]:.6g} to {time[-1]:.6g} s: record longer, or check that pulses and samples share one clock"
+            f"a record must hold at least {FEWEST_REVOLUTIONS} whole revolutions, {FEWEST_REVOLUTIONS + 1} pulses; "
+            f"this one holds {len(marks)} pulse(s) "
+            f"from t = {time[0]:.6g} to {time[-1]:.6g} s: record longer, or check that pulses and samples share one "
+            "clock"
         )
     return marks
 
@@ -320,28 +370,41 @@ def _check_orders(orders: Sequence[float], drift: int, *, revolutions: int, samp
     """Refuse what the record cannot resolve."""
     known = np.sort(np.asarray(orders, dtype=float))
     if known.ndim != 1 or not len(known) or not np.all(np.isfinite(known)) or known[0] <= 0.0:
-        raise ValueError(f"orders must be positive numbers, at least one; they are {list(orders)}: order 0 is the constant, which is always fitted")
+        raise ValueError(
+            f"orders must be positive numbers, at least one; they are {list(orders)}: order 0 is the constant, which "
+            "is always fitted"
+        )
     if not 0 <= drift <= revolutions:
-        raise ValueError(f"drift must be a polynomial degree from 0 to the {revolutions} revolutions of the record; it is {drift}: 1 is good for a dwell")
+        raise ValueError(
+            f"drift must be a polynomial degree from 0 to the {revolutions} revolutions of the record; it is {drift}: "
+            "1 is good for a dwell"
+        )
     apart = np.diff(known, prepend=0.0)
     if np.any(apart * revolutions < 1.0 - 1e-9):
         k = int(np.argmin(apart))
         low = f"{known[k - 1]:g}" if k else "0"
         raise ValueError(
-            f"orders {low} and {known[k]:g} must be one period apart over the record, 1/{revolutions} for {revolutions} revolutions: "
+            f"orders {low} and {known[k]:g} must be one period apart over the record, 1/{revolutions} for "
+            f"{revolutions} revolutions: "
             "leave one out, or record longer"
         )
     each = samples / revolutions
     if known[-1] >= 0.5 * each:
         raise ValueError(
-            f"order {known[-1]:g} needs more than {2.0 * known[-1]:g} samples per revolution; the record has {each:.4g}: sample faster, or leave it out"
+            f"order {known[-1]:g} needs more than {2.0 * known[-1]:g} samples per revolution; the record has "
+            f"{each:.4g}: sample faster, or leave it out"
         )
     unknowns = 2 * len(known) + drift + 1
     if samples <= unknowns:
-        raise ValueError(f"{unknowns} unknowns need more than the {samples} samples of the whole revolutions: record longer, or fit fewer orders")
+        raise ValueError(
+            f"{unknowns} unknowns need more than the {samples} samples of the whole revolutions: record longer, or fit "
+            "fewer orders"
+        )
 
 
-def _design(angle: Float[np.ndarray, "sample"], time: Float[np.ndarray, "sample"], orders: Sequence[float], drift: int) -> Float[np.ndarray, "sample _"]:
+def _design(
+    angle: Float[np.ndarray, "sample"], time: Float[np.ndarray, "sample"], orders: Sequence[float], drift: int
+) -> Float[np.ndarray, "sample _"]:
     """Columns cos and sin of each order, then Legendre polynomials of time over the record."""
     phase = np.asarray(orders, dtype=float) * angle[:, None]
     scaled = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
@@ -362,7 +425,10 @@ def _sidebands(order: float, orders: Float[np.ndarray, "order"], revolutions: in
 
 
 def _scatter_of_sidebands(
-    residual: Float[np.ndarray, "sample probe"], angle: Float[np.ndarray, "sample"], order: float, offsets: Float[np.ndarray, "_"]
+    residual: Float[np.ndarray, "sample probe"],
+    angle: Float[np.ndarray, "sample"],
+    order: float,
+    offsets: Float[np.ndarray, "_"],
 ) -> Float[np.ndarray, "2*probe 2*probe"]:
     """Covariance of (Re z, Im z) of every probe from the residual's Fourier coefficients beside the order.
 
@@ -372,7 +438,9 @@ def _scatter_of_sidebands(
     does, without the leak of low frequencies into short blocks. With b(φ) e^{i n φ} the residual, c_k the
     coefficient of b: those of Re b and Im b are (c_k + c̄_-k)/2 and (c_k - c̄_-k)/2i.
     """
-    upper, lower = (2.0 / len(angle) * np.exp(-1j * np.outer(order + side * offsets, angle)) @ residual for side in (1.0, -1.0))
+    upper, lower = (
+        2.0 / len(angle) * np.exp(-1j * np.outer(order + side * offsets, angle)) @ residual for side in (1.0, -1.0)
+    )
     parts = np.stack([0.5 * (upper + lower.conj()), -0.5j * (upper - lower.conj())], axis=-1).reshape(len(offsets), -1)
     freedoms = 2 * len(offsets)
     # The variance of Student's t: an error in units of an estimated standard error scatters by more than one.

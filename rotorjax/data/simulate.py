@@ -39,7 +39,13 @@ def plan_speeds(rig: Rig, speeds: str, orders: str) -> Measurement:
     if not rig.runs:
         raise InputError(f"{rig.path}: no runs to simulate; add [runs.baseline] with what is installed in it")
     probes = rig.model.layout.probes
-    rows = [Row(run, float(speed), probe, order, 0.0, 0.0) for run in rig.runs for speed in grid for probe in probes for order in numbers]
+    rows = [
+        Row(run, float(speed), probe, order, 0.0, 0.0)
+        for run in rig.runs
+        for speed in grid
+        for probe in probes
+        for order in numbers
+    ]
     return arrange(rows, runs=rig.runs, probes=probes, knowledge=rig.knowledge)
 
 
@@ -55,4 +61,9 @@ def noisy(model: Model, plan: Measurement, *, noise_um: float, seed: int) -> Mea
     noise = MICROMETRE * noise_um * (parts[..., 0] + 1j * parts[..., 1])
     noise[:, :, np.array(plan.orders) == 0.0] = noise[:, :, np.array(plan.orders) == 0.0].real
     sigma = np.full(vectors.shape, MICROMETRE * noise_um) if noise_um > 0.0 else None
-    return dataclasses.replace(plan, vectors=np.where(plan.present, vectors + noise, 0.0), sigma=sigma, noise="given" if noise_um > 0.0 else "unknown")
+    return dataclasses.replace(
+        plan,
+        vectors=np.where(plan.present, vectors + noise, 0.0),
+        sigma=sigma,
+        noise="given" if noise_um > 0.0 else "unknown",
+    )

@@ -103,7 +103,10 @@ def _cells(place: str, line: str, header: _Header, problems: list[str]) -> list[
         return None
     if len(cells) != header.width:
         named = _DELIMITER_NAMES[header.delimiter]
-        problems.append(f"{place}: {len(cells)} cells, the header has {header.width}; separate exactly {header.width} cells by {named}")
+        problems.append(
+            f"{place}: {len(cells)} cells, the header has {header.width}; separate exactly {header.width} cells by "
+            f"{named}"
+        )
         return None
     return cells
 
@@ -120,7 +123,9 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
     def number(name: str, least: float, *, strict: bool) -> float:
         value = _number(cells[header.columns[name]], decimal_comma=header.delimiter == ";")
         if value is None:
-            problems.append(f"{where(name)}: {cells[header.columns[name]]!r} is not a finite number; write it like 12.5")
+            problems.append(
+                f"{where(name)}: {cells[header.columns[name]]!r} is not a finite number; write it like 12.5"
+            )
             return math.nan
         if abs(value) > LARGEST:
             problems.append(f"{where(name)}: {value:g} is beyond anything measured; check its unit")
@@ -165,7 +170,8 @@ def _duplicates(path: Path, rows: list[Row], lines: list[int]) -> list[str]:
         key = (row.run, row.speed_rpm, row.probe, row.order, row.repeat)
         if key in first:
             problems.append(
-                f"{path}:{line}: same run, speed, probe and order as line {first[key]}; remove one, or number repeated readings in a column 'repeat'"
+                f"{path}:{line}: same run, speed, probe and order as line {first[key]}; remove one, or number repeated "
+                "readings in a column 'repeat'"
             )
         first.setdefault(key, line)
     return problems

@@ -1,4 +1,6 @@
-"""Balancing: the mass that corrects an unbalance, with its error, and the balance quality grade before and after (ISO 21940-11)."""
+"""Balancing: the mass that corrects an unbalance, with its error, and the balance quality grade before and after (ISO
+21940-11).
+"""
 
 import dataclasses
 import math
@@ -7,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from rotorjax.data.rig import Convention, Plane
+from rotorjax.data.rig_sections import Convention, Plane
 from rotorjax.inference.faults import response_to
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
@@ -78,12 +80,16 @@ class Correction:
         if mass is None or holes is None:
             return ()
         pitch = 2.0 * math.pi / holes
-        place, share = divmod(math.radians(self.correction_angle_deg - self.plane.first_hole_deg) % (2.0 * math.pi), pitch)
+        place, share = divmod(
+            math.radians(self.correction_angle_deg - self.plane.first_hole_deg) % (2.0 * math.pi), pitch
+        )
         parts = math.sin(pitch - share) / math.sin(pitch), math.sin(share) / math.sin(pitch)
         return tuple(InHole((int(place) + k) % holes + 1, mass * part) for k, part in enumerate(parts))
 
 
-def before_and_after(model: Model, correction: Correction, speed_rpm: Float[np.ndarray, "speed"]) -> tuple[Complex[np.ndarray, "speed probe order"], ...]:
+def before_and_after(
+    model: Model, correction: Correction, speed_rpm: Float[np.ndarray, "speed"]
+) -> tuple[Complex[np.ndarray, "speed probe order"], ...]:
     """What the probes show with nothing installed, and with the correction [m]."""
     conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
     none = np.zeros((len(speed_rpm), 4))

@@ -23,7 +23,9 @@ class CriticalSpeed(NamedTuple):
 
     speed_rpm: float
     amplification: float | None
-    """Speed over the width of the peak at 0.707 of its height (API RP 684); none where the response does not fall that far about it."""
+    """Speed over the width of the peak at 0.707 of its height (API RP 684); none where the response does not fall that
+    far about it.
+    """
 
     @property
     def damping_ratio(self) -> float | None:
@@ -80,6 +82,8 @@ def _read_off(speed_rpm: Float[np.ndarray, "speed"], size: Float[np.ndarray, "sp
         if len(below) and not (len(rises) and rises[0] < below[0]):
             outer, inner = side[below[0]], side[below[0] - 1]
             share = (size[inner] - np.sqrt(0.5) * size[peak]) / (size[inner] - size[outer])
-            halves.append(abs(float(speed_rpm[inner] + share * (speed_rpm[outer] - speed_rpm[inner]) - speed_rpm[peak])))
+            halves.append(
+                abs(float(speed_rpm[inner] + share * (speed_rpm[outer] - speed_rpm[inner]) - speed_rpm[peak]))
+            )
     width = 2.0 * float(np.mean(halves)) if halves else None
     return CriticalSpeed(float(speed_rpm[peak]), None if not width else float(speed_rpm[peak]) / width)

@@ -1,12 +1,13 @@
 """Training data: fault cases drawn from a prior, the features they cause at one speed, in memory or in files.
 
-A case is f = J(Ω) m with the fault m = (U_x, U_y, s_x, s_y) and the map J of `rotorjax.diagnosis.features`; U and s are uniform up to
-the prior's largest, both angles uniform over the circle. Source: Huang et al. 2026, Sensors 26:2565, section 2.2.
+A case is f = J(Ω) m with the fault m = (U_x, U_y, s_x, s_y) and the map J of `rotorjax.diagnosis.features`; U and s are
+uniform up to the prior's largest, both angles uniform over the circle. Source: Huang et al. 2026, Sensors 26:2565,
+section 2.2.
 
-**Files.** A folder of `stream` holds `MANIFEST`, written first and again after every chunk, and one archive per chunk. An
-archive counts only once the manifest lists its SHA-256, and both come into place by renaming a finished, synced temporary
-file: a run killed at any moment leaves a folder that the same call completes. Chunk k is drawn from ``fold_in(key, k)``,
-so that it does not depend on which run makes it.
+**Files.** A folder of `stream` holds `MANIFEST`, written first and again after every chunk, and one archive per chunk.
+An archive counts only once the manifest lists its SHA-256, and both come into place by renaming a finished, synced
+temporary file: a run killed at any moment leaves a folder that the same call completes. Chunk k is drawn from
+``fold_in(key, k)``, so that it does not depend on which run makes it.
 """
 
 import dataclasses
@@ -43,13 +44,17 @@ FORMAT, VERSION = "rotorjax dataset", 1
 PARTIAL = ".partial"
 """Ending of a temporary file; what a killed run leaves behind with it is removed by the next."""
 COMPRESSION = 1
-"""Level of deflate. Random mantissas hardly shrink: this saves 3.5 % of the raw size, level 6 saves 3.9 % for more time."""
+"""Level of deflate. Random mantissas hardly shrink: this saves 3.5 % of the raw size, level 6 saves 3.9 % for more
+time.
+"""
 WRITERS = min(4, os.cpu_count() or 1)
-"""Chunks compressed and written at one time: deflate is nearly all of a stream's time and runs outside Python's lock."""
+"""Chunks compressed and written at one time: deflate is nearly all of a stream's time and runs outside Python's lock.
+"""
 MOST_CHUNKS = 10_000
 """The manifest is rewritten per chunk, which takes time in proportion to the square of their number."""
 LARGEST_AMPLIFICATION = 1e10
-"""Of bow into features. 1/(1 - τ²) loses a digit for each power of ten: beyond this it is a pole met but for rounding."""
+"""Of bow into features. 1/(1 - τ²) loses a digit for each power of ten: beyond this it is a pole met but for rounding.
+"""
 SUM_TOLERANCE = 1e-9
 """What the sum of a split's fractions may miss one by: they are decimal numbers rounded to binary."""
 
@@ -70,7 +75,8 @@ class FaultPrior:
         sizes = (self.largest_unbalance_kg_m, self.largest_bow_m)
         if not (all(math.isfinite(size) and size >= 0.0 for size in sizes) and max(sizes) > 0.0):
             raise ValueError(
-                f"the largest unbalance [kg m] and bow [m] must be finite and not negative, and one of them positive, but are {sizes[0]:g} and {sizes[1]:g}; "
+                "the largest unbalance [kg m] and bow [m] must be finite and not negative, and one of them positive, "
+                f"but are {sizes[0]:g} and {sizes[1]:g}; "
                 "give zero for the one that is absent"
             )
 
@@ -94,9 +100,10 @@ class Split(NamedTuple):
 class Recipe:
     """All that determines the cases of a stream; a folder's manifest records it.
 
-    **Fields:** ``rotor``; ``speed_rpm`` [rpm]; ``count`` of cases; ``key`` of JAX; ``prior`` of the faults; ``chunk``: cases per file.
-    A stream holds `WRITERS` + 1 chunks in memory, some 160 bytes a case each.
-    **Errors.** ``ValueError`` for a speed that is not positive, a count or chunk below one, or more than `MOST_CHUNKS` chunks.
+    **Fields:** ``rotor``; ``speed_rpm`` [rpm]; ``count`` of cases; ``key`` of JAX; ``prior`` of the faults; ``chunk``:
+    cases per file. A stream holds `WRITERS` + 1 chunks in memory, some 160 bytes a case each.
+    **Errors.** ``ValueError`` for a speed that is not positive, a count or chunk below one, or more than `MOST_CHUNKS`
+    chunks.
     """
 
     rotor: Jeffcott
@@ -110,7 +117,10 @@ class Recipe:
     def __post_init__(self) -> None:
         _check(self.speed_rpm, self.count)
         if self.chunk < 1 or math.ceil(self.count / self.chunk) > MOST_CHUNKS:
-            raise ValueError(f"{self.count} cases in chunks of {self.chunk}: a chunk has at least one case, and there are at most {MOST_CHUNKS}; change chunk")
+            raise ValueError(
+                f"{self.count} cases in chunks of {self.chunk}: a chunk has at least one case, and there are at most "
+                f"{MOST_CHUNKS}; change chunk"
+            )
 
     def rows(self) -> list[int]:
         """Cases in each chunk."""
@@ -119,10 +129,16 @@ class Recipe:
     def record(self) -> dict[str, Any]:
         """What a manifest says of it; equal records give equal cases."""
         return {
-            "rotor": {field.name: np.asarray(getattr(self.rotor, field.name)).tolist() for field in dataclasses.fields(self.rotor)},
+            "rotor": {
+                field.name: np.asarray(getattr(self.rotor, field.name)).tolist()
+                for field in dataclasses.fields(self.rotor)
+            },
             "speed_rpm": float(self.speed_rpm),
             "prior": {name: float(value) for name, value in dataclasses.asdict(self.prior).items()},
-            "key": {"generator": str(jax.random.key_impl(self.key)), "data": np.asarray(jax.random.key_data(self.key)).tolist()},
+            "key": {
+                "generator": str(jax.random.key_impl(self.key)),
+                "data": np.asarray(jax.random.key_data(self.key)).tolist(),
+            },
             "count": self.count,
             "chunk": self.chunk,
             # Another version of JAX may draw other numbers from one key.
@@ -134,7 +150,10 @@ def _check(speed_rpm: float, count: int) -> None:
     if count < 1:
         raise ValueError(f"count is {count}: a dataset has at least one case; give a positive count")
     if not (math.isfinite(speed_rpm) and speed_rpm > 0.0):
-        raise ValueError(f"speed_rpm is {speed_rpm:g}: it must be positive and finite; for the other sense of rotation build the rotor with rotation='y-to-x'")
+        raise ValueError(
+            f"speed_rpm is {speed_rpm:g}: it must be positive and finite; for the other sense of rotation build the "
+            "rotor with rotation='y-to-x'"
+        )
 
 
 def _fault(draw: Float[Array, "4"], largest: Float[Array, "2"]) -> Float[Array, "4"]:
@@ -166,8 +185,10 @@ def _map(rotor: Jeffcott, speed_rpm: float) -> Float[Array, "4 4"]:
     linear = feature_map(rotor, speed_rpm)[0]
     if not (np.all(np.isfinite(linear)) and np.max(np.abs(linear[:, 2:])) < LARGEST_AMPLIFICATION):
         raise ValueError(
-            f"the features at {speed_rpm:g} rpm are not finite: an undamped rotor has no steady state at its critical speeds "
-            f"({', '.join(f'{float(speed):g}' for speed in rotor.critical_speeds_rpm())} rpm); give a damping ratio above zero or another speed"
+            f"the features at {speed_rpm:g} rpm are not finite: an undamped rotor has no steady state at its critical "
+            "speeds "
+            f"({', '.join(f'{float(speed):g}' for speed in rotor.critical_speeds_rpm())} rpm); give a damping ratio "
+            "above zero or another speed"
         )
     return jnp.asarray(linear)
 
@@ -187,16 +208,19 @@ def sample_faults(key: Key[Array, ""], count: int, prior: FaultPrior = FaultPrio
     return _faults(key, _largest(prior), count)
 
 
-def make_dataset(rotor: Jeffcott, speed_rpm: float, count: int, *, key: Key[Array, ""], prior: FaultPrior = FaultPrior()) -> Dataset:
+def make_dataset(
+    rotor: Jeffcott, speed_rpm: float, count: int, *, key: Key[Array, ""], prior: FaultPrior = FaultPrior()
+) -> Dataset:
     """Fault cases drawn from the prior, with their features at one speed.
 
-    f = J(Ω) m for every m of ``sample_faults(key, count, prior)``. J is the response to four unit faults: the features are linear in
-    the fault, so that a case costs a 4x4 product and not a response.
+    f = J(Ω) m for every m of ``sample_faults(key, count, prior)``. J is the response to four unit faults: the features
+    are linear in the fault, so that a case costs a 4x4 product and not a response.
 
-    **Arguments:** ``rotor``; ``speed_rpm`` [rpm]; ``count`` of cases; ``key`` of JAX; ``prior`` of the faults. **Returns** a `Dataset`.
-    **Errors.** ``ValueError`` for a count below one, a speed that is not positive, an undamped rotor at a critical speed, or in single
-    precision. A map that cannot be inverted (equal axes) is no error: the features are right, the faults behind them ambiguous.
-    Source: Huang et al. 2026, Sensors 26:2565, equations 1-14 and section 2.2.
+    **Arguments:** ``rotor``; ``speed_rpm`` [rpm]; ``count`` of cases; ``key`` of JAX; ``prior`` of the faults.
+    **Returns** a `Dataset`.
+    **Errors.** ``ValueError`` for a count below one, a speed that is not positive, an undamped rotor at a critical
+    speed, or in single precision. A map that cannot be inverted (equal axes) is no error: the features are right, the
+    faults behind them ambiguous. Source: Huang et al. 2026, Sensors 26:2565, equations 1-14 and section 2.2.
     """
     require_float64("a dataset")
     _check(speed_rpm, count)
@@ -208,29 +232,45 @@ def with_noise(dataset: Dataset, key: Key[Array, ""], level: float) -> Dataset:
 
     f_i + level h_i ε, ε ~ N(0, 1) independent, h_i = (max f_i - min f_i) / 2 over the dataset's cases.
 
-    **Arguments:** ``dataset``; ``key`` of JAX; ``level`` [1] of each feature's half range. **Returns** a `Dataset` with the same faults.
+    **Arguments:** ``dataset``; ``key`` of JAX; ``level`` [1] of each feature's half range. **Returns** a `Dataset` with
+    the same faults.
     **Errors.** ``ValueError`` for a level that is negative or not finite, or in single precision.
     """
     require_float64("a dataset")
     if not (math.isfinite(level) and level >= 0.0):
-        raise ValueError(f"the level of noise is {level:g}: it must be finite and not negative; give a fraction of the half range, like 0.01")
+        raise ValueError(
+            f"the level of noise is {level:g}: it must be finite and not negative; give a fraction of the half range, "
+            "like 0.01"
+        )
     features = jnp.asarray(dataset.features)
     half_range = 0.5 * (jnp.max(features, axis=0) - jnp.min(features, axis=0))
     return Dataset(features + level * half_range[None, :] * jax.random.normal(key, features.shape), dataset.faults)
 
 
-def split(dataset: Dataset, *, key: Key[Array, ""], fractions: tuple[float, float, float] = (0.70, 0.15, 0.15)) -> Split:
+def split(
+    dataset: Dataset, *, key: Key[Array, ""], fractions: tuple[float, float, float] = (0.70, 0.15, 0.15)
+) -> Split:
     """A dataset in random order, cut into training, validation and test cases.
 
-    **Arguments:** ``dataset``; ``key`` of JAX; ``fractions`` of the cases, to the nearest whole case. **Returns** a `Split`.
-    **Errors.** ``ValueError`` for fractions that are negative or do not add up to one, or a part that would be left without a case.
+    **Arguments:** ``dataset``; ``key`` of JAX; ``fractions`` of the cases, to the nearest whole case. **Returns** a
+    `Split`.
+    **Errors.** ``ValueError`` for fractions that are negative or do not add up to one, or a part that would be left
+    without a case.
     """
     if not (all(fraction >= 0.0 for fraction in fractions) and abs(sum(fractions) - 1.0) < SUM_TOLERANCE):
-        raise ValueError(f"the fractions of a split must not be negative and must add up to one, but are {fractions}; the paper's are (0.70, 0.15, 0.15)")
+        raise ValueError(
+            f"the fractions of a split must not be negative and must add up to one, but are {fractions}; the paper's "
+            "are (0.70, 0.15, 0.15)"
+        )
     count = len(dataset.features)
     ends = [0, round(count * fractions[0]), round(count * (fractions[0] + fractions[1])), count]
-    if any(fraction > 0.0 and end == start for fraction, (start, end) in zip(fractions, itertools.pairwise(ends), strict=True)):
-        raise ValueError(f"a part of the split {fractions} of {count} cases is empty; make more cases, or give its fraction as zero")
+    if any(
+        fraction > 0.0 and end == start
+        for fraction, (start, end) in zip(fractions, itertools.pairwise(ends), strict=True)
+    ):
+        raise ValueError(
+            f"a part of the split {fractions} of {count} cases is empty; make more cases, or give its fraction as zero"
+        )
     order = np.asarray(jax.random.permutation(key, count))
     parts = [order[start:end] for start, end in itertools.pairwise(ends)]
     return Split(*(Dataset(dataset.features[part], dataset.faults[part]) for part in parts))
@@ -251,12 +291,15 @@ def _plan(rows: list[int]) -> list[_Entry]:
 def stream(recipe: Recipe, folder: Path, *, progress: Callable[[int, int], object] = lambda done, total: None) -> None:
     """Write a dataset of any length to files, in memory of a few chunks; complete what an interrupted call left.
 
-    Chunk k is ``make_dataset(rotor, speed_rpm, rows, key=fold_in(key, k), prior=prior)``, a NumPy archive of ``features`` and
-    ``faults`` in double precision. The same recipe gives the same bytes on one machine with the same libraries.
+    Chunk k is ``make_dataset(rotor, speed_rpm, rows, key=fold_in(key, k), prior=prior)``, a NumPy archive of
+    ``features`` and ``faults`` in double precision. The same recipe gives the same bytes on one machine with the same
+    libraries.
 
-    **Arguments:** ``recipe``; ``folder``: new, empty, or that of an earlier call with the same recipe, of which the chunks
-    whose hash is right are kept; ``progress(done, total)`` is called after every chunk with numbers of cases. Not for two calls at once.
-    **Errors.** ``ValueError`` as for `make_dataset`; `InputError` for a folder of another recipe, or of other files, or that cannot be made.
+    **Arguments:** ``recipe``; ``folder``: new, empty, or that of an earlier call with the same recipe, of which the
+    chunks whose hash is right are kept; ``progress(done, total)`` is called after every chunk with numbers of cases.
+    Not for two calls at once.
+    **Errors.** ``ValueError`` as for `make_dataset`; `InputError` for a folder of another recipe, or of other files, or
+    that cannot be made.
     """
     require_float64("a dataset")
     linear, largest = _map(recipe.rotor, recipe.speed_rpm), _largest(recipe.prior)
@@ -294,13 +337,16 @@ def read_dataset(folder: Path) -> Iterator[Dataset]:
     """The chunks that `stream` wrote, each read when asked for, its hash compared first.
 
     **Arguments:** ``folder``. **Returns** an iterator of `Dataset` of NumPy arrays, shape (rows of the chunk, 4).
-    **Errors.** `InputError`, a ``ValueError``: at once for a folder without a manifest or with an incomplete one; during iteration for a
-    file that is missing or was changed.
+    **Errors.** `InputError`, a ``ValueError``: at once for a folder without a manifest or with an incomplete one;
+    during iteration for a file that is missing or was changed.
     """
     _, entries = _read_manifest(folder)
     missing = sum(entry.sha256 is None for entry in entries)
     if missing:
-        raise InputError(f"{folder}: {missing} of {len(entries)} chunks are not written yet; call stream again with the same recipe to complete them")
+        raise InputError(
+            f"{folder}: {missing} of {len(entries)} chunks are not written yet; call stream again with the same recipe "
+            "to complete them"
+        )
     return (_read_chunk(folder / entry.file, entry) for entry in entries)
 
 
@@ -309,7 +355,9 @@ def _open_folder(recipe: Recipe, folder: Path) -> list[_Entry]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made a folder ({error.strerror or error}); choose another path") from error
+        raise InputError(
+            f"{folder}: cannot be made a folder ({error.strerror or error}); choose another path"
+        ) from error
     for left in folder.glob(f".*{PARTIAL}"):
         left.unlink()
     if not (folder / MANIFEST).exists():
@@ -322,7 +370,9 @@ def _open_folder(recipe: Recipe, folder: Path) -> list[_Entry]:
     wanted = recipe.record()
     differing = [name for name in wanted | recorded if wanted.get(name) != recorded.get(name)]
     if differing:
-        told = "; ".join(f"{name} {json.dumps(recorded.get(name))}, asked for {json.dumps(wanted.get(name))}" for name in differing)
+        told = "; ".join(
+            f"{name} {json.dumps(recorded.get(name))}, asked for {json.dumps(wanted.get(name))}" for name in differing
+        )
         raise InputError(f"{folder}: holds a dataset of another recipe ({told}); give another folder")
     return entries
 
@@ -350,11 +400,19 @@ def _read_manifest(folder: Path) -> tuple[dict[str, Any], list[_Entry]]:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; give the folder that stream wrote") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not the manifest of a dataset ({error!r}); make the dataset again in another folder") from error
+        raise InputError(
+            f"{path}: not the manifest of a dataset ({error!r}); make the dataset again in another folder"
+        ) from error
     if kind != (FORMAT, VERSION):
-        raise InputError(f"{path}: format {kind[0]!r}, version {kind[1]!r}, but this is for {FORMAT!r}, version {VERSION}; make the dataset again elsewhere")
+        raise InputError(
+            f"{path}: format {kind[0]!r}, version {kind[1]!r}, but this is for {FORMAT!r}, version {VERSION}; make the "
+            "dataset again elsewhere"
+        )
     if [entry._replace(sha256=None) for entry in entries] != _plan(rows):
-        raise InputError(f"{path}: its chunks are not those of its recipe, so that it was changed; make the dataset again in another folder")
+        raise InputError(
+            f"{path}: its chunks are not those of its recipe, so that it was changed; make the dataset again in "
+            "another folder"
+        )
     return recipe, entries
 
 
@@ -376,13 +434,21 @@ def _read_chunk(path: Path, entry: _Entry) -> Dataset:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; call stream again with the same recipe to complete the dataset") from error
+        raise InputError(
+            f"{path}: {error.strerror or error}; call stream again with the same recipe to complete the dataset"
+        ) from error
     if hashlib.sha256(raw).hexdigest() != entry.sha256:
-        raise InputError(f"{path}: its SHA-256 is not the manifest's, so that it was changed or damaged; call stream again with the same recipe to restore it")
+        raise InputError(
+            f"{path}: its SHA-256 is not the manifest's, so that it was changed or damaged; call stream again with the "
+            "same recipe to restore it"
+        )
     with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
         dataset = Dataset(archive["features"], archive["faults"])
     if not all(array.shape == (entry.rows, 4) and array.dtype == np.float64 for array in dataset):
-        raise InputError(f"{path}: not {entry.rows} rows of four numbers in double precision; make the dataset again in another folder")
+        raise InputError(
+            f"{path}: not {entry.rows} rows of four numbers in double precision; make the dataset again in another "
+            "folder"
+        )
     return dataset
 
 

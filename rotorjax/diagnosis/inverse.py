@@ -142,7 +142,9 @@ def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ..
     for k, (run, solution) in enumerate(zip(measurement.runs, solutions, strict=True)):
         beyond = solution if inherent is None or run in reference else _shifted(solution, inherent)
         runs.append(_judge(run, beyond, fitted, measurement, k))
-    found = _judge("inherent", inherent, fitted, measurement, measurement.runs.index(reference[0])) if inherent else None
+    found = (
+        _judge("inherent", inherent, fitted, measurement, measurement.runs.index(reference[0])) if inherent else None
+    )
     return Diagnosis(tuple(runs), found)
 
 
@@ -169,7 +171,9 @@ def _solve(space: Space, measurement: Measurement) -> tuple[list[_Solution], Mod
     return [_solution(k, rows, now.answer, now.covariance, known) for k, rows in enumerate(now.rows)], now.model
 
 
-def _pass(space: Space, measurement: Measurement, moved: list[int], faults: np.ndarray, point: np.ndarray, excess: float) -> _Pass:
+def _pass(
+    space: Space, measurement: Measurement, moved: list[int], faults: np.ndarray, point: np.ndarray, excess: float
+) -> _Pass:
     rows = _rows(space, point, moved, measurement, faults)
     matrix, target = _joint(rows, point[moved], excess)
     norm = np.linalg.norm(matrix, axis=0)
@@ -182,11 +186,19 @@ def _pass(space: Space, measurement: Measurement, moved: list[int], faults: np.n
     after[moved] += answer[faults.size :]
     model = space.model_at(point)
     return _Pass(
-        model, rows, answer, covariance, answer[: faults.size].reshape(faults.shape), after, max(1.0, float(left @ left) / max(1, len(left) - faults.size))
+        model,
+        rows,
+        answer,
+        covariance,
+        answer[: faults.size].reshape(faults.shape),
+        after,
+        max(1.0, float(left @ left) / max(1, len(left) - faults.size)),
     )
 
 
-def _rows(space: Space, point: np.ndarray, uncertain: list[int], measurement: Measurement, faults: np.ndarray) -> list[_Rows]:
+def _rows(
+    space: Space, point: np.ndarray, uncertain: list[int], measurement: Measurement, faults: np.ndarray
+) -> list[_Rows]:
     first = measurement.orders.index(1.0)
     model, conditions = space.model_at(point), measurement.conditions
     slopes = fault_sensitivity(model, conditions)[:, :, first]
@@ -247,10 +259,14 @@ def _solution(index: int, rows: _Rows, answer: np.ndarray, covariance: np.ndarra
     regular = len(rows.target) >= 2 and np.linalg.cond(curvature) < 1e12
     pair = np.linalg.solve(curvature, rows.slopes[:, :2].T @ rows.target) if regular else np.full(2, np.nan)
     alone = Fault(pair, np.linalg.inv(curvature) * scale if regular and scale else None)
-    return _Solution(faults, covariance[own, own], rows.slopes.T @ rows.slopes, alone, rank, freedom, chi2 if known else None, scale)
+    return _Solution(
+        faults, covariance[own, own], rows.slopes.T @ rows.slopes, alone, rank, freedom, chi2 if known else None, scale
+    )
 
 
-def _inherent(measurement: Measurement, model: Model, solutions: list[_Solution], reference: tuple[str, ...]) -> _Solution:
+def _inherent(
+    measurement: Measurement, model: Model, solutions: list[_Solution], reference: tuple[str, ...]
+) -> _Solution:
     """Found less installed, averaged over the reference runs; declared errors of the installed ones widen it."""
     installed, known = installed_faults(model, measurement), measurement.knowledge
     chosen = [measurement.runs.index(run) for run in reference]
@@ -258,13 +274,20 @@ def _inherent(measurement: Measurement, model: Model, solutions: list[_Solution]
     covariance = np.zeros((4, 4))
     for k, solution in zip(chosen, each, strict=True):
         covariance += solution.covariance
-        covariance[:2, :2] += polar_covariance(installed[k, :2], known.installed_unbalance, known.installed_angle_rad) / (solution.scale or 1.0)
-        covariance[2:, 2:] += polar_covariance(installed[k, 2:], known.installed_bow, known.installed_angle_rad) / (solution.scale or 1.0)
+        covariance[:2, :2] += polar_covariance(
+            installed[k, :2], known.installed_unbalance, known.installed_angle_rad
+        ) / (solution.scale or 1.0)
+        covariance[2:, 2:] += polar_covariance(installed[k, 2:], known.installed_bow, known.installed_angle_rad) / (
+            solution.scale or 1.0
+        )
     scales = [s.scale for s in each if s.scale is not None]
     return each[0]._replace(
         faults=np.mean([s.faults - installed[k] for k, s in zip(chosen, each, strict=True)], axis=0),
         covariance=covariance / len(each) ** 2,
-        alone=Fault(np.mean([s.alone.pair - installed[k, :2] for k, s in zip(chosen, each, strict=True)], axis=0), each[0].alone.covariance),
+        alone=Fault(
+            np.mean([s.alone.pair - installed[k, :2] for k, s in zip(chosen, each, strict=True)], axis=0),
+            each[0].alone.covariance,
+        ),
         scale=max(scales) if len(scales) == len(each) else None,
         chi2=max((s.chi2 for s in each if s.chi2 is not None), default=None),
     )
@@ -289,7 +312,9 @@ def _judge(run: str, solution: _Solution, model: Model, measurement: Measurement
     return RunDiagnosis(run, unbalance, bow, not reason, reason, alone, solution.chi2)
 
 
-def _why_not(unbalance: Fault, bow: Fault, solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:
+def _why_not(
+    unbalance: Fault, bow: Fault, solution: _Solution, model: Model, measurement: Measurement, index: int
+) -> str:
     """Why unbalance and bow cannot be told apart, with a cure; empty if they can."""
     if hopeless := _hopeless(solution, model):
         return hopeless
@@ -307,7 +332,8 @@ def _hopeless(solution: _Solution, model: Model) -> str:
     """Reasons that lie in the plan or the model, not in the size of the noise."""
     if model.slow_roll is not None:
         return (
-            "slow roll was subtracted, and with it what a bow shows there: bow and unbalance follow the same law with speed; "
+            "slow roll was subtracted, and with it what a bow shows there: bow and unbalance follow the same law with "
+            "speed; "
             "give the vectors without that subtraction"
         )
     if solution.rank < 4:
@@ -340,9 +366,15 @@ def _largest(covariance: np.ndarray) -> float:
 def _entanglement(speeds: np.ndarray, model: Model) -> str:
     axes = " and ".join(f"{speed:.0f}" for speed in critical_speeds_rpm(model))
     if np.ptp(speeds) <= 0.02 * np.min(speeds):
-        return f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (critical speeds {axes} rpm): bow and unbalance look alike there"
+        return (
+            f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (critical speeds {axes} rpm): bow and "
+            "unbalance look alike there"
+        )
     listed = ", ".join(f"{speed:.0f}" for speed in np.unique(speeds))
-    return f"bow and unbalance look alike at {listed} rpm, within the noise and what is uncertain (critical speeds {axes} rpm)"
+    return (
+        f"bow and unbalance look alike at {listed} rpm, within the noise and what is uncertain (critical speeds {axes} "
+        "rpm)"
+    )
 
 
 def _cure(solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:
@@ -358,14 +390,23 @@ def _cure(solution: _Solution, model: Model, measurement: Measurement, index: in
         clear &= np.all(expected < limits.amplitude_um * MICROMETRE, axis=1)
     if not clear.any():
         return "no speed within the limits would tell them apart"
-    cells = measurement.weights(0.0 if measurement.sigma is not None else MICROMETRE)[measurement.run == index][:, :, first]
+    cells = measurement.weights(0.0 if measurement.sigma is not None else MICROMETRE)[measurement.run == index][
+        :, :, first
+    ]
     weight = float(np.median(cells[cells > 0.0]))
     factor = math.sqrt(solution.scale or 1.0) * 1e6
     before = factor * _largest(np.linalg.inv(solution.information)[:2, :2])
     after = np.full(len(candidates), np.inf)
-    for k, rows in enumerate(weight * fault_sensitivity(model, conditions)[:, :, first].reshape(len(candidates), -1, 4)):
-        after[k] = factor * _largest(np.linalg.inv(solution.information + rows.T @ rows)[:2, :2]) if clear[k] else np.inf
+    for k, rows in enumerate(
+        weight * fault_sensitivity(model, conditions)[:, :, first].reshape(len(candidates), -1, 4)
+    ):
+        after[k] = (
+            factor * _largest(np.linalg.inv(solution.information + rows.T @ rows)[:2, :2]) if clear[k] else np.inf
+        )
     best = int(np.argmin(after))
     if measurement.knowledge.uncertain:
         return f"a reading at {candidates[best]:.0f} rpm would tell most"
-    return f"a reading at {candidates[best]:.0f} rpm would bring the standard error of the unbalance from {before:.3g} to {after[best]:.3g} g mm"
+    return (
+        f"a reading at {candidates[best]:.0f} rpm would bring the standard error of the unbalance from {before:.3g} to "
+        f"{after[best]:.3g} g mm"
+    )

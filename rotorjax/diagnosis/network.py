@@ -56,7 +56,10 @@ class Range(eqx.Module):
             raise ValueError(f"{what}: not all numbers are finite; leave those cases out")
         if np.any(high <= low):
             column = int(np.argmax(high <= low)) + 1
-            raise ValueError(f"{what}: column {column} is constant ({low[column - 1]:g}), so that nothing can be learned of it; draw cases that vary it")
+            raise ValueError(
+                f"{what}: column {column} is constant ({low[column - 1]:g}), so that nothing can be learned of it; "
+                "draw cases that vary it"
+            )
         return cls(low, high)
 
     @property
@@ -86,7 +89,9 @@ class Parts(NamedTuple):
 
 
 class Format(NamedTuple):
-    """What a kind of network is called in its file, the version of the layout, and how many numbers lead in and out (None: any)."""
+    """What a kind of network is called in its file, the version of the layout, and how many numbers lead in and out
+    (None: any).
+    """
 
     kind: str
     version: int
@@ -101,13 +106,16 @@ class Format(NamedTuple):
 def write_parts(path: Path | str, form: Format, parts: Parts) -> None:
     """Write all numbers as JSON, to the last digit. **Errors.** `InputError` where the path cannot be written to."""
     numbers = {
-        name: {field.name: np.asarray(getattr(part, field.name)).tolist() for field in dataclasses.fields(part)} for name, part in parts._asdict().items()
+        name: {field.name: np.asarray(getattr(part, field.name)).tolist() for field in dataclasses.fields(part)}
+        for name, part in parts._asdict().items()
     }
     write_whole(Path(path), json.dumps({"format": form.mark, **numbers}, indent=1) + "\n")
 
 
 def read_parts(path: Path | str, form: Format) -> Parts:
-    """Read what `write_parts` wrote. **Errors.** ``ValueError`` for another format, numbers missing, or shapes that do not fit."""
+    """Read what `write_parts` wrote. **Errors.** ``ValueError`` for another format, numbers missing, or shapes that do
+    not fit.
+    """
     text = read_text(Path(path))
     try:
         content: dict[str, Any] = json.loads(text)
@@ -115,13 +123,26 @@ def read_parts(path: Path | str, form: Format) -> Parts:
             raise ValueError(f"its format is {content['format']!r} instead of {form.mark!r}")
         parts = Parts(Perceptron(**content["perceptron"]), Range(**content["inputs"]), Range(**content["outputs"]))
         (hidden, features), (targets,) = parts.perceptron.weight_in.shape, parts.perceptron.bias_out.shape
-        expected = [(hidden, features), (hidden,), (targets, hidden), (targets,), (features,), (features,), (targets,), (targets,)]
+        expected = [
+            (hidden, features),
+            (hidden,),
+            (targets, hidden),
+            (targets,),
+            (features,),
+            (features,),
+            (targets,),
+            (targets,),
+        ]
         if [leaf.shape for leaf in jax.tree.leaves(parts)] != expected:
             raise ValueError("shapes do not fit together")
         if form.ends not in (None, (features, targets)):
-            raise ValueError(f"it leads from {features} numbers to {targets} instead of {form.ends[0]} to {form.ends[1]}")
+            raise ValueError(
+                f"it leads from {features} numbers to {targets} instead of {form.ends[0]} to {form.ends[1]}"
+            )
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f"{path}: not a {form.kind} that rotorjax wrote ({error}); train it anew and save it") from error
+        raise ValueError(
+            f"{path}: not a {form.kind} that rotorjax wrote ({error}); train it anew and save it"
+        ) from error
     return parts
 
 
@@ -146,18 +167,23 @@ class FaultNetwork(eqx.Module):
     def diagnose(self, features: Float[AnyArray, "*case feature"]) -> Float[np.ndarray, "*case target"]:
         """Faults [kg m, kg m, m, m] of many cases, from features [m]; both (..., 4).
 
-        It knows nothing beyond the range it was trained in, and answers there all the same: ask `within` which cases to believe.
+        It knows nothing beyond the range it was trained in, and answers there all the same: ask `within` which cases to
+        believe.
 
         **Errors.** ``ValueError`` in single precision, for features that are not finite or not four to a case.
         """
         return _each(self, self._checked(features))
 
     def within(self, features: Float[AnyArray, "*case feature"]) -> Bool[np.ndarray, "*case"]:
-        """Which cases have every feature [m] in the range trained, with a margin of 1e-9 of half that range. **Errors.** As for `diagnose`."""
+        """Which cases have every feature [m] in the range trained, with a margin of 1e-9 of half that range.
+        **Errors.** As for `diagnose`.
+        """
         return np.asarray(np.all(_each(self.inputs.holds, self._checked(features)), axis=-1))
 
     def save(self, path: Path | str) -> None:
-        """Write all numbers as JSON, to the last digit. **Errors.** `InputError` where the path cannot be written to."""
+        """Write all numbers as JSON, to the last digit. **Errors.** `InputError` where the path cannot be
+        written to.
+        """
         write_parts(path, FORMAT, Parts(self.perceptron, self.inputs, self.outputs))
 
     @classmethod
@@ -175,7 +201,9 @@ def _many(one: Callable[[Array], Array], features: Float[Array, "sample feature"
     return jax.vmap(one)(features)
 
 
-def _each(one: Callable[[Array], Array], features: Float[np.ndarray, "*case feature"]) -> Shaped[np.ndarray, "*case target"]:
+def _each(
+    one: Callable[[Array], Array], features: Float[np.ndarray, "*case feature"]
+) -> Shaped[np.ndarray, "*case target"]:
     """A function of one case, of many."""
     found = np.asarray(_many(one, jnp.asarray(features.reshape(-1, features.shape[-1]))))
     return found.reshape(*features.shape[:-1], found.shape[-1])

@@ -33,7 +33,9 @@ class Epoch(NamedTuple):
     """One accepted step."""
 
     rms: float
-    """Root mean square error in scaled targets, on the cases trained on; `Whitened` weighs each target by its own error."""
+    """Root mean square error in scaled targets, on the cases trained on; `Whitened` weighs each target by its own
+    error.
+    """
     effective: float
     """γ, the number of weights that the data determine."""
     alpha: float
@@ -68,7 +70,14 @@ class Method(Protocol):
         ...
 
 
-def train(data: Dataset, *, key: Array, method: Method | None = None, hidden: int = 40, progress: Progress = lambda epoch, rms: None) -> Training:
+def train(
+    data: Dataset,
+    *,
+    key: Array,
+    method: Method | None = None,
+    hidden: int = 40,
+    progress: Progress = lambda epoch, rms: None,
+) -> Training:
     """Train a perceptron on features and faults, both scaled to -1 to 1.
 
     **Arguments:** ``data``: the cases to train on; ``key``: for the first weights; ``method``: `Whitened` (default),
@@ -78,12 +87,19 @@ def train(data: Dataset, *, key: Array, method: Method | None = None, hidden: in
     require_float64("training")
     if np.ndim(data.features) != 2 or np.ndim(data.faults) != 2 or len(data.features) != len(data.faults):
         shapes = f"{np.shape(data.features)} and {np.shape(data.faults)}"
-        raise ValueError(f"features and faults have shapes {shapes}: give one row per case in both, as many in one as in the other")
+        raise ValueError(
+            f"features and faults have shapes {shapes}: give one row per case in both, as many in one as in the other"
+        )
     inputs, outputs = Range.of(data.features, "features"), Range.of(data.faults, "faults")
-    scaled = Scaled(jax.vmap(inputs.scaled)(jnp.asarray(data.features)), jax.vmap(outputs.scaled)(jnp.asarray(data.faults)))
+    scaled = Scaled(
+        jax.vmap(inputs.scaled)(jnp.asarray(data.features)), jax.vmap(outputs.scaled)(jnp.asarray(data.faults))
+    )
     count = hidden * (scaled.x.shape[1] + 1) + scaled.target.shape[1] * (hidden + 1)
     if scaled.target.size <= count:
-        raise ValueError(f"{len(scaled.x)} cases hold no more numbers than the network has weights ({count}): draw more cases, or take fewer neurons")
+        raise ValueError(
+            f"{len(scaled.x)} cases hold no more numbers than the network has weights ({count}): draw more cases, or "
+            "take fewer neurons"
+        )
     perceptron, history, stopped = (method or Whitened()).fit(scaled, hidden, key, progress)
     return Training(FaultNetwork(perceptron, inputs, outputs), tuple(history), stopped)
 
@@ -106,10 +122,10 @@ class BayesianRegularisation:
 class Whitened:
     """Ours: whitened inputs, a small first layer, the output layer by linear least squares, then evidence steps.
 
-    For maps that are linear or weakly curved, as this one; for others take `BayesianRegularisation`. Nearly linear neurons
-    hold the linear part of the map, and their curvature what is odd and not linear. On noise-free data the least-squares
-    start meets the target as it is, and no evidence step is made. The whitening is folded into the first layer: what is
-    returned takes the same inputs as the others.
+    For maps that are linear or weakly curved, as this one; for others take `BayesianRegularisation`. Nearly linear
+    neurons hold the linear part of the map, and their curvature what is odd and not linear. On noise-free data the
+    least-squares start meets the target as it is, and no evidence step is made. The whitening is folded into the first
+    layer: what is returned takes the same inputs as the others.
     """
 
     epochs: int = 100
@@ -132,7 +148,12 @@ class Whitened:
         whiten = axes / jnp.sqrt(values)[None]
         white = data._replace(x=(data.x - mean[None]) @ whiten)
         inner = self.first_layer * jax.random.normal(key, (hidden, data.x.shape[1])) / math.sqrt(data.x.shape[1])
-        start = output_by_least_squares(Perceptron(inner, jnp.zeros(hidden), jnp.zeros((data.target.shape[1], hidden)), jnp.zeros(data.target.shape[1])), white)
+        start = output_by_least_squares(
+            Perceptron(
+                inner, jnp.zeros(hidden), jnp.zeros((data.target.shape[1], hidden)), jnp.zeros(data.target.shape[1])
+            ),
+            white,
+        )
         unit = _noise_units(start, white)
         found, history, stopped = _evidence_steps(
             dataclasses.replace(start, weight_out=start.weight_out / unit[:, None], bias_out=start.bias_out / unit),
@@ -141,7 +162,11 @@ class Whitened:
             progress,
         )
         weight = found.weight_in @ whiten.T
-        return Perceptron(weight, found.bias_in - weight @ mean, found.weight_out * unit[:, None], found.bias_out * unit), history, stopped
+        return (
+            Perceptron(weight, found.bias_in - weight @ mean, found.weight_out * unit[:, None], found.bias_out * unit),
+            history,
+            stopped,
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,7 +188,11 @@ class OptaxL2:
             history.append(Epoch(rms, math.nan, self.decay, 1.0, math.nan))
             progress(block + count, rms)
             if not math.isfinite(float(loss)):
-                return weights, history, f"not finite after {block + count} steps: a smaller weight range or another start may help"
+                return (
+                    weights,
+                    history,
+                    f"not finite after {block + count} steps: a smaller weight range or another start may help",
+                )
         return weights, history, f"all {self.steps} steps were made"
 
 
@@ -173,9 +202,18 @@ _BLOCK = 100
 
 
 @eqx.filter_jit
-def _optax_block(weights: Perceptron, state: optax.OptState, data: Scaled, decay: float, optimiser: optax.GradientTransformationExtraArgs, count: int):
+def _optax_block(
+    weights: Perceptron,
+    state: optax.OptState,
+    data: Scaled,
+    decay: float,
+    optimiser: optax.GradientTransformationExtraArgs,
+    count: int,
+):
     def loss(p: Perceptron) -> Array:
-        return jnp.mean((jax.vmap(p)(data.x) - data.target) ** 2) + decay * sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(p))
+        return jnp.mean((jax.vmap(p)(data.x) - data.target) ** 2) + decay * sum(
+            jnp.sum(leaf**2) for leaf in jax.tree.leaves(p)
+        )
 
     value_and_grad = optax.value_and_grad_from_state(loss)
 
@@ -190,9 +228,11 @@ def _optax_block(weights: Perceptron, state: optax.OptState, data: Scaled, decay
 
 
 def nguyen_widrow(key: Array, features: int, hidden: int, targets: int) -> Perceptron:
-    """First weights that spread the neurons' active ranges over inputs in -1 to 1 (Nguyen, Widrow 1990, Proc. IJCNN 3:21-26).
+    """First weights that spread the neurons' active ranges over inputs in -1 to 1 (Nguyen, Widrow 1990, Proc. IJCNN
+    3:21-26).
 
-    Rows of W₁ have random directions and length 0.7 h^(1/n); biases are spread evenly; the output layer is uniform in -1 to 1.
+    Rows of W₁ have random directions and length 0.7 h^(1/n); biases are spread evenly; the output layer is uniform in
+    -1 to 1.
     **Arguments:** ``key``; how many ``features`` n, ``hidden`` neurons h and ``targets``. **Returns** a `Perceptron`.
     """
     directions, outer, bias = jax.random.split(key, 3)
@@ -201,18 +241,25 @@ def nguyen_widrow(key: Array, features: int, hidden: int, targets: int) -> Perce
     inner = length * inner / jnp.linalg.norm(inner, axis=1, keepdims=True)
     spread = length * jnp.linspace(-1.0, 1.0, hidden) * jnp.sign(inner[:, 0])
     return Perceptron(
-        inner, spread, jax.random.uniform(outer, (targets, hidden), minval=-1.0, maxval=1.0), jax.random.uniform(bias, (targets,), minval=-1.0, maxval=1.0)
+        inner,
+        spread,
+        jax.random.uniform(outer, (targets, hidden), minval=-1.0, maxval=1.0),
+        jax.random.uniform(bias, (targets,), minval=-1.0, maxval=1.0),
     )
 
 
 def output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
-    """The output layer that is best for this first layer: least squares by SVD of the scaled columns, never by normal equations.
+    """The output layer that is best for this first layer: least squares by SVD of the scaled columns, never by normal
+    equations.
 
-    Each target takes as many singular directions, largest first, as its Bayesian information criterion n log RSS + k log n
-    (Schwarz 1978, Ann. Stat. 6:461-464) asks for: all of them would fit noise by weights of 1e9.
+    Each target takes as many singular directions, largest first, as its Bayesian information criterion n log RSS + k
+    log n (Schwarz 1978, Ann. Stat. 6:461-464) asks for: all of them would fit noise by weights of 1e9.
     **Arguments:** ``perceptron`` whose first layer stays; ``data``, scaled. **Returns** it with another output layer.
     """
-    design = np.concatenate([np.tanh(np.asarray(data.x @ perceptron.weight_in.T + perceptron.bias_in[None])), np.ones((len(data.x), 1))], axis=1)
+    design = np.concatenate(
+        [np.tanh(np.asarray(data.x @ perceptron.weight_in.T + perceptron.bias_in[None])), np.ones((len(data.x), 1))],
+        axis=1,
+    )
     size = np.linalg.norm(design, axis=0)
     left, values, right = np.linalg.svd(design / size, full_matrices=False)
     left, values, right = (part[..., : np.sum(values > 1e-13 * values[0])] for part in (left, values, right.T))
@@ -227,7 +274,9 @@ def output_by_least_squares(perceptron: Perceptron, data: Scaled) -> Perceptron:
 
 
 def _noise_units(perceptron: Perceptron, data: Scaled) -> Float[Array, "target"]:
-    """Each target's error beside that of all: in these units one β serves targets that the data determine unequally well."""
+    """Each target's error beside that of all: in these units one β serves targets that the data determine unequally
+    well.
+    """
     errors = jnp.sqrt(jnp.mean((jax.vmap(perceptron)(data.x) - data.target) ** 2, axis=0))
     whole = jnp.sqrt(jnp.mean(errors**2))
     return jnp.where(whole > 0.0, jnp.maximum(errors / whole, 1e-6), 1.0)
@@ -254,11 +303,14 @@ class _Normal(NamedTuple):
 
 
 @jax.jit
-def normal_equations(p: Perceptron, x: Float[Array, "sample feature"], target: Float[Array, "sample target"]) -> _Normal:
-    """JᵀJ and Jᵀe over all samples and targets, weights in the order of `ravel_pytree`; e = y - target, in scaled units.
+def normal_equations(
+    p: Perceptron, x: Float[Array, "sample feature"], target: Float[Array, "sample target"]
+) -> _Normal:
+    """JᵀJ and Jᵀe over all samples and targets, weights in the order of `ravel_pytree`; e = y - target, in scaled
+    units.
 
-    With d = 1 - a², D = d ⊗ [x, 1] and H = [a, 1]: the blocks are G_DD ∘ W₂ᵀW₂, W₂ ∘ G_DH and I ⊗ G_HH, G = [D H]ᵀ[D H];
-    G_DD from the products of two inputs, which are symmetric, costs half of the full product.
+    With d = 1 - a², D = d ⊗ [x, 1] and H = [a, 1]: the blocks are G_DD ∘ W₂ᵀW₂, W₂ ∘ G_DH and I ⊗ G_HH, G = [D H]ᵀ[D
+    H]; G_DD from the products of two inputs, which are symmetric, costs half of the full product.
     """
     hidden, features = p.weight_in.shape
     targets = p.weight_out.shape[0]
@@ -272,7 +324,9 @@ def normal_equations(p: Perceptron, x: Float[Array, "sample feature"], target: F
     pair[k, m] = pair[m, k] = np.arange(len(k))
     products = ((inputs[:, k] * inputs[:, m])[:, :, None] * d[:, None, :]).reshape(len(x), -1)
     between = (products.T @ d).reshape(len(k), hidden, hidden) * (p.weight_out.T @ p.weight_out)[None]
-    cross = ((d[:, :, None] * inputs[:, None, :]).reshape(len(x), -1).T @ outer).reshape(hidden, features + 1, hidden + 1)
+    cross = ((d[:, :, None] * inputs[:, None, :]).reshape(len(x), -1).T @ outer).reshape(
+        hidden, features + 1, hidden + 1
+    )
     first = jnp.transpose(between[pair], (2, 0, 3, 1)).reshape(hidden * (features + 1), -1)
     mixed = jnp.einsum("oj,jkh->jkoh", p.weight_out, cross).reshape(len(first), -1)
     last = jnp.kron(jnp.eye(targets), outer.T @ outer)
@@ -300,7 +354,9 @@ def _rms(p: Perceptron, data: Scaled) -> float:
 
 # Threads of the linear algebra library and those of XLA, which take turns in every epoch, would wait for one another.
 @threadpool_limits.wrap(limits=1, user_api="blas")
-def _evidence_steps(start: Perceptron, data: Scaled, steps: _Steps, progress: Progress) -> tuple[Perceptron, list[Epoch], str]:
+def _evidence_steps(
+    start: Perceptron, data: Scaled, steps: _Steps, progress: Progress
+) -> tuple[Perceptron, list[Epoch], str]:
     """Levenberg-Marquardt on F = β E_D + α E_W with α and β set anew after every accepted step."""
     flat, unravel = ravel_pytree(start)
     weights = np.asarray(flat)
@@ -311,8 +367,16 @@ def _evidence_steps(start: Perceptron, data: Scaled, steps: _Steps, progress: Pr
     damping, history = steps.damping, []
     for epoch in range(steps.epochs):
         if (rms := math.sqrt(at.squares / numbers)) <= steps.target:
-            return unravel(jnp.asarray(weights)), history, f"the error reached its target of {steps.target:g} after {epoch} steps"
-        if steps.patience is not None and len(history) > steps.patience and rms > 0.99 * history[-1 - steps.patience].rms:
+            return (
+                unravel(jnp.asarray(weights)),
+                history,
+                f"the error reached its target of {steps.target:g} after {epoch} steps",
+            )
+        if (
+            steps.patience is not None
+            and len(history) > steps.patience
+            and rms > 0.99 * history[-1 - steps.patience].rms
+        ):
             return unravel(jnp.asarray(weights)), history, f"no progress in the last {steps.patience} of {epoch} steps"
         slope = at.axes.T @ (beta * at.gradient + alpha * weights)
         while True:
@@ -335,7 +399,9 @@ def _evidence_steps(start: Perceptron, data: Scaled, steps: _Steps, progress: Pr
 
 
 class _At(NamedTuple):
-    """The normal equations at some weights, along the eigenvectors of JᵀJ: one decomposition serves every damping, and γ."""
+    """The normal equations at some weights, along the eigenvectors of JᵀJ: one decomposition serves every damping, and
+    γ.
+    """
 
     values: Float[np.ndarray, "param"]
     """Eigenvalues, those below zero by rounding clipped."""

@@ -15,13 +15,17 @@ from rotorjax.inference.squares import squares_of
 
 FEWEST_DRAWS, MOST_DRAWS = 39, 199
 ENOUGH_EXCEED = 5
-"""Draws that leave more than the data after which the p-value is large enough (Besag, Clifford 1991, Biometrika 78:301-304)."""
+"""Draws that leave more than the data after which the p-value is large enough (Besag, Clifford 1991, Biometrika
+78:301-304).
+"""
 NONE_EXCEED = 99
 """Draws without a single one that leaves more after which it is small enough."""
 BATCH = 24
 """Fits made together."""
 THRESHOLD, DOUBTFUL = 0.99, 10.0
-"""Share of the draws beyond which a cost counts as structure, and the distance of the data's cost from there within which draws are fitted in full."""
+"""Share of the draws beyond which a cost counts as structure, and the distance of the data's cost from there within
+which draws are fitted in full.
+"""
 
 
 class PValue(NamedTuple):
@@ -34,9 +38,10 @@ class PValue(NamedTuple):
 def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
     """Parametric bootstrap of the least cost: the same fit of data drawn from the fitted model.
 
-    Noise is the table's and the scatter between runs; what a misfit would add is not counted. (k + 1)/(n + 1) for k of n draws that leave
-    more than the data. The fits are linearised where the data's own ended, which is a projection of the noise; draws are fitted in full,
-    from the same start, only where that p-value is near the threshold, until 5 leave more, or none of 99 does.
+    Noise is the table's and the scatter between runs; what a misfit would add is not counted. (k + 1)/(n + 1) for k of
+    n draws that leave more than the data. The fits are linearised where the data's own ended, which is a projection of
+    the noise; draws are fitted in full, from the same start, only where that p-value is near the threshold, until 5
+    leave more, or none of 99 does.
     """
     noise = Noise(0.0, contest.floor.scatter)
     data = contest.data(noise, contender.best.point)
@@ -59,13 +64,29 @@ def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
 
 
 def _refitted(
-    contest: Contest, contender: Contender, data: Data, pairs: Float[np.ndarray, "case probe order 2"] | None, shifts: Float[np.ndarray, "draw case cell"]
+    contest: Contest,
+    contender: Contender,
+    data: Data,
+    pairs: Float[np.ndarray, "case probe order 2"] | None,
+    shifts: Float[np.ndarray, "draw case cell"],
 ) -> list[End]:
-    """The fit to each draw of the noise about some vectors, those measured by default, from where the data's own ended."""
+    """The fit to each draw of the noise about some vectors, those measured by default, from where the
+    data's own ended.
+    """
     free, starts = contest.free(contender.effects), [Start.at(contender.best)] * len(shifts)
     shown = data if pairs is None else data._replace(pairs=pairs)
     counted = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    return descend(contest.space, shown, starts, free, counted, budget=contest.budget, kept=contender.best.point, shift=shifts, manner=QUICK)
+    return descend(
+        contest.space,
+        shown,
+        starts,
+        free,
+        counted,
+        budget=contest.budget,
+        kept=contender.best.point,
+        shift=shifts,
+        manner=QUICK,
+    )
 
 
 class _Draws:
@@ -83,7 +104,9 @@ class _Draws:
             noises = noises + np.einsum("cml,dcl->dcm", scatter * self.counted[..., None], random[:, self.data.run])
         return noises
 
-    def costs(self, noises: Float[np.ndarray, "draw case cell"]) -> tuple[Float[np.ndarray, "draw"], Float[np.ndarray, "draw"]]:
+    def costs(
+        self, noises: Float[np.ndarray, "draw case cell"]
+    ) -> tuple[Float[np.ndarray, "draw"], Float[np.ndarray, "draw"]]:
         """The cost of each draw at the point it was drawn at, and the least one, the model linearised there."""
         own = self.own
         slopes = np.concatenate([own.local.slopes * self.counted[..., None], np.moveaxis(noises, 0, -1)], axis=-1)

@@ -117,17 +117,24 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
     """
     full = model if isinstance(model, Model) else Model(model)
     if full.layout.probes != measurement.probes:
-        raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
+        raise ValueError(
+            f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig "
+            "file"
+        )
     predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
     require_steady(predicted, measurement)
     return compare_vectors(predicted, measurement, full.with_orders(measurement.orders))
 
 
-def compare_vectors(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement, model: Model) -> Comparison:
+def compare_vectors(
+    predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement, model: Model
+) -> Comparison:
     """The same for a prediction of the model that is at hand [m]."""
     measured = measurement.vectors * measurement.half_order_sign(predicted)
     residual = np.where(measurement.present, measured - predicted, 0.0)
     real_axis = np.array(measurement.orders) == 0.0
     residual[:, :, real_axis] = np.real(residual[:, :, real_axis])
     standardised = None if measurement.sigma is None else np.abs(residual) * measurement.weights(0.0)[..., 0]
-    return Comparison(measurement, measured, predicted, residual, standardised, reduced_chi2(measurement, model, residual))
+    return Comparison(
+        measurement, measured, predicted, residual, standardised, reduced_chi2(measurement, model, residual)
+    )

@@ -19,7 +19,18 @@ from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.race import Contest, Effects, Known, check_catalog, make_contest, misfit_left, race
-from rotorjax.discovery.search import DETECTED, Progress, Ranked, Selection, change_by, noise_size, none_left, ranking, retold, select
+from rotorjax.discovery.search import (
+    DETECTED,
+    Progress,
+    Ranked,
+    Selection,
+    change_by,
+    noise_size,
+    none_left,
+    ranking,
+    retold,
+    select,
+)
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
@@ -97,8 +108,9 @@ class Explanation(Reported):
     catalog: Mapping[str, type[Effect]]
     """What might have been missing."""
     named_force: NamedForce | None
-    """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few terms that would do as well
-    as the effects found."""
+    """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few
+    terms that would do as well as the effects found.
+    """
     cost: Cost
 
     def __repr__(self) -> str:
@@ -122,7 +134,9 @@ class Explanation(Reported):
 
     @property
     def more(self) -> tuple[Ranked, ...]:
-        """What would be added next, where "none" is improbable: the effects that together make it so, the most probable first; else nothing."""
+        """What would be added next, where "none" is improbable: the effects that together make it so, the most probable
+        first; else nothing.
+        """
         last = self.rankings[-1]
         if none_left(last) >= DETECTED:
             return ()
@@ -131,18 +145,25 @@ class Explanation(Reported):
     @property
     def restricted(self) -> bool:
         """Whether some effects of the catalogue were not allowed to be missing."""
-        given = {e.name for e in self.story.model.effects} | {e.effect for e in self.contest.space.entries if e.declared_uncertain}
+        given = {e.name for e in self.story.model.effects} | {
+            e.effect for e in self.contest.space.entries if e.declared_uncertain
+        }
         return bool({e.effect for e in self.contest.space.entries} - given - set(self.contest.candidates))
 
     def bow_over_unbalance(self) -> dict[float, float]:
-        """Speed [rpm] -> response to the installed bow over that to the installed unbalance; empty unless all runs carry the same bow."""
+        """Speed [rpm] -> response to the installed bow over that to the installed unbalance; empty unless all runs
+        carry the same bow.
+        """
         m = self.contest.measurement
         bow = np.asarray(m.conditions.bow)
         if 1.0 not in m.orders or not np.any(bow) or not np.allclose(bow, bow[0]):
             return {}
         slopes = fault_sensitivity(self.story.model.with_orders(m.orders), m.conditions)[:, :, m.orders.index(1.0)]
         installed = installed_faults(self.story.model, m)[m.run]
-        parts = [np.linalg.norm(np.einsum("cpkd,cd->cpk", slopes[..., s], installed[:, s]), axis=(1, 2)) for s in (slice(0, 2), slice(2, 4))]
+        parts = [
+            np.linalg.norm(np.einsum("cpkd,cd->cpk", slopes[..., s], installed[:, s]), axis=(1, 2))
+            for s in (slice(0, 2), slice(2, 4))
+        ]
         cluster, speeds = m.speed_cluster()
         return {
             float(speed): float(np.median(parts[1][cluster == k]) / np.median(parts[0][cluster == k]))
@@ -151,7 +172,9 @@ class Explanation(Reported):
         }
 
     def chi2(self, ranked: Ranked) -> float | None:
-        """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they are unknown."""
+        """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they
+        are unknown.
+        """
         measurement, end = self.contest.measurement, ranked.contender.best
         if measurement.sigma is None:
             return None
@@ -180,9 +203,10 @@ def explain(  # noqa: PLR0913
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
     those in ``exclude``; ``catalog``: effects by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with
-    held-out error and p-value, both of which count for the verdict, and the missing force, looked at where nothing explains and compared with
-    what was found elsewhere; ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or
-    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage.
+    held-out error and p-value, both of which count for the verdict, and the missing force, looked at where nothing
+    explains and compared with what was found elsewhere; ``limit``: single cases that may be linearised, where it is
+    reached the verdict is "undecided" or "unexplained", with what was not tried; ``progress``: called with a line of
+    text at every stage.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
@@ -194,7 +218,10 @@ def explain(  # noqa: PLR0913
     if unknown := [name for name in (*chosen, *exclude) if name not in catalog]:
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join(catalog)}")
     if full.layout.probes != measurement.probes:
-        raise ValueError(f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
+        raise ValueError(
+            f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig "
+            "file"
+        )
     # Where nothing was measured, a gain of zero would explain it all.
     candidates = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
@@ -230,30 +257,31 @@ def _answer(
     contest = selection.contest
     stages = _Stages(contest, thorough, progress, ["a further effect"] if contest.budget.exhausted else [])
     selection, ties, noise = _with_ties(selection, catalog, stages)
-    held = HeldOut((None,) * len(selection.races), "not asked for" if not thorough else "the limit of linearisations was reached")
+    why = "the limit of linearisations was reached" if thorough else "not asked for"
+    held = HeldOut((None,) * len(selection.races), why)
     if stages.go("error on data held out"):
         held = held_out(contest, selection, ties)
     fits = _fits(contest, model, selection, held)
     p = None
     if contest.measurement.sigma is not None and stages.go("whether what is left is more than noise"):
         best = selection.known[selection.present]
-        p = p_value(contest, best if selection.small else best.led_by(fits[-1].end, Noise(fits[-1].misfit, contest.floor.scatter)))
+        led = best.led_by(fits[-1].end, Noise(fits[-1].misfit, contest.floor.scatter))
+        p = p_value(contest, best if selection.small else led)
     proposal = None
     for other in ties.tied:
-        proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, (other.instead_of, other.effects))
-    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
+        names = other.instead_of, other.effects
+        proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
     # What is too small to be added is there all the same when it is judged what is left.
-    last = fits[-1] if not selection.small else _fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
+    last = fits[-1]
+    if selection.small:
+        last = _fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
     verdict = _verdict(selection, ties, p, last, contest, confirmed=_confirmed(fits))
-    named = None
-    if verdict == "unexplained" and contest.measurement.rms > 0.0 and stages.go("the force that is missing"):
-        named = name_force(fits[0], fits[-1], selection.effects, catalog)
-    elif verdict != "unexplained" and selection.effects and stages.go("whether a force outside the catalogue would do as well"):
-        named = other_force(fits[0], fits[-1], selection.effects, doubtful=bool(fits[-1].objections(selection.effects)))
-        verdict = verdict if named is None else "undecided"
+    named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
     if stages.untried and verdict != "unexplained":
         verdict = "undecided"
-    story = Story(model, contest.measurement, compare_vectors(declared, contest.measurement, model), selection.effects, fits, views, (), undriven)
+    view = compare_vectors(declared, contest.measurement, model)
+    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
+    story = Story(model, contest.measurement, view, selection.effects, fits, views, (), undriven)
     return Explanation(
         verdict=verdict,
         effects=selection.effects,
@@ -270,6 +298,26 @@ def _answer(
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or LINEARISATIONS, tuple(stages.untried)),
     )
+
+
+def _outside_the_catalogue(
+    verdict: Verdict,
+    fits: tuple[Fit, ...],
+    selection: Selection,
+    catalog: Mapping[str, type[Effect]],
+    stages: "_Stages",
+) -> tuple[NamedForce | None, Verdict]:
+    """The force that is missing where nothing explains, or one that does as well: then it is undecided."""
+    first, last = fits[0], fits[-1]
+    if verdict == "unexplained":
+        measured = selection.contest.measurement.rms > 0.0
+        if measured and stages.go("the force that is missing"):
+            return name_force(first, last, selection.effects, catalog), verdict
+        return None, verdict
+    if not selection.effects or not stages.go("whether a force outside the catalogue would do as well"):
+        return None, verdict
+    named = other_force(first, last, selection.effects, doubtful=bool(last.objections(selection.effects)))
+    return named, verdict if named is None else "undecided"
 
 
 class _Stages(NamedTuple):
@@ -291,8 +339,12 @@ class _Stages(NamedTuple):
         return True
 
 
-def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages: _Stages) -> tuple[Selection, Ties, Noise]:
-    """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the answer."""
+def _with_ties(
+    selection: Selection, catalog: Mapping[str, type[Effect]], stages: _Stages
+) -> tuple[Selection, Ties, Noise]:
+    """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the
+    answer.
+    """
     contest = selection.contest
     noise = Noise(misfit_left(contest, selection.known[selection.present]), contest.floor.scatter)
     if contest.budget.exhausted:
@@ -314,7 +366,9 @@ def _with_ties(selection: Selection, catalog: Mapping[str, type[Effect]], stages
     return selection, ties, noise
 
 
-def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, *, confirmed: bool) -> Verdict:
+def _verdict(
+    selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, *, confirmed: bool
+) -> Verdict:
     m = contest.measurement
     if p is not None:
         structure = p.value <= UNEXPLAINED
@@ -346,10 +400,17 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
     found, contender = [], selection.known[selection.present]
     for name in selection.small:
         change = change_by(contest, contender, name)
-        noise = noise_size(contest.measurement, selection.races[-1].noise if contest.measurement.sigma is None else contest.floor)
+        noise = noise_size(
+            contest.measurement, selection.races[-1].noise if contest.measurement.sigma is None else contest.floor
+        )
         # Found small beside fewer effects, it need not be so in the end.
         beside = "less than the noise of" if change <= noise else "against a noise of"
-        found.append(Small(name, f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {beside} {noise / MICROMETRE:.2g} µm"))
+        found.append(
+            Small(
+                name,
+                f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {beside} {noise / MICROMETRE:.2g} µm",
+            )
+        )
     return tuple(found)
 
 
@@ -357,20 +418,28 @@ def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -
     """The fit of every nested set, polished."""
     sets = [frozenset(selection.effects[:step]) for step in range(len(held.rms))]
     every = zip(sets, selection.races, held.rms, strict=True)
-    return tuple(_fit_of(contest, model, selection, names, race.noise, (rms, held.reason)) for names, race, rms in every)
+    return tuple(
+        _fit_of(contest, model, selection, names, race.noise, (rms, held.reason)) for names, race, rms in every
+    )
 
 
-def _fit_of(contest: Contest, model: Model, selection: Selection, effects: Effects, under: Noise, held: tuple[float | None, str]) -> Fit:
+def _fit_of(
+    contest: Contest, model: Model, selection: Selection, effects: Effects, under: Noise, held: tuple[float | None, str]
+) -> Fit:
     uncertain = {u.effect for u in contest.measurement.knowledge.uncertain}
     kept = frozenset({e.name for e in model.effects} | uncertain | effects)
     polished = _polished(contest, selection.known, effects, under, last=effects >= set(selection.effects))
-    stage = Stage(contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), kept, contest.budget)
+    stage = Stage(
+        contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), kept, contest.budget
+    )
     scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
     return summarise(stage, polished, *held, scatter=scatter)
 
 
 def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *, last: bool) -> Round:
-    """The best fit of one set, under the noise that it leaves; the ``last`` one under that of the table where it holds within that."""
+    """The best fit of one set, under the noise that it leaves; the ``last`` one under that of the table where it holds
+    within that.
+    """
     own = known[effects] if effects in known else race(contest, under, [effects], known)[effects]
     noise = Noise(misfit_left(contest, own), contest.floor.scatter)
     again = race(contest, noise, [effects], known)[effects]
@@ -380,7 +449,18 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *,
 
     def polish(noise: Noise) -> Round:
         data = contest.data(noise, again.best.point)
-        best = best_of(descend(contest.space, data, starts, contest.free(effects), every, budget=contest.budget, kept=again.best.point, manner=POLISHED))
+        best = best_of(
+            descend(
+                contest.space,
+                data,
+                starts,
+                contest.free(effects),
+                every,
+                budget=contest.budget,
+                kept=again.best.point,
+                manner=POLISHED,
+            )
+        )
         return Round(noise.allowance, data, best, starts, noise.allowance, best.cost)
 
     if last and noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:

@@ -42,7 +42,10 @@ from rotorjax.units import MICROMETRE
 NORMAL_QUANTILE = 1.96
 UNDETERMINED = 0.8
 """Posterior over prior standard deviation above which the data are said not to determine a parameter."""
-NOT_STEADY = "no steady motion was found with these values, so that the prediction is only to first order along the measured motion"
+NOT_STEADY = (
+    "no steady motion was found with these values, so that the prediction is only to first order along the measured "
+    "motion"
+)
 """What a fit says whose forces that depend on motion were laid along the measured motion and no further."""
 PULLED = 3.0
 """A declared uncertain value that moves by more than this many of its standard deviations is a finding."""
@@ -98,7 +101,10 @@ class Fit(Shown):
     def __repr__(self) -> str:
         values = "; ".join(f"{e.entry.key} = {e.value:.4g} ± {e.standard_error:.2g}" for e in self.estimates)
         held = "" if self.held_out_rms is None else f", {self.held_out_rms / MICROMETRE:.3g} µm on data held out"
-        return f"Fit({values or 'nothing fitted'}; {self.stage.measurement.rms_of(self.predicted) / MICROMETRE:.3g} µm rms{held})"
+        return (
+            f"Fit({values or 'nothing fitted'}; {self.stage.measurement.rms_of(self.predicted) / MICROMETRE:.3g} µm "
+            f"rms{held})"
+        )
 
     def estimate(self, effect: str, label: str) -> Estimate:
         """The estimate of one entry."""
@@ -125,17 +131,18 @@ class Stage(NamedTuple):
 def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None = None, held_out: bool = True) -> Fit:
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
 
-    Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p is
-    normal, with long tails for the size of a force that depends on motion: `rotorjax.inference.prior`), by Levenberg-Marquardt
-    from every declared start; the best descent wins. Standard errors are the larger of the posterior's and of the
-    cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter between runs widens them; with
-    fewer than four runs the clusters are single cases, which scatter between runs escapes. σ² is that of the
-    table plus what the misfit demands: see `Fit.misfit`.
+    Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p
+    is normal, with long tails for the size of a force that depends on motion: `rotorjax.inference.prior`), by
+    Levenberg-Marquardt from every declared start; the best descent wins. Standard errors are the larger of the
+    posterior's and of the cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter
+    between runs widens them; with fewer than four runs the clusters are single cases, which scatter between runs
+    escapes. σ² is that of the table plus what the misfit demands: see `Fit.misfit`.
 
     **Arguments:** ``model``; ``measurement``; ``free``: names of the effects to fit, by default all that the model
     has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
     **Returns** a `Fit`, whose ``converged`` and ``result`` say how it ended.
-    **Errors.** ``ValueError`` in single precision, or for a name that the model lacks; `InputError` where nothing is finite.
+    **Errors.** ``ValueError`` in single precision, or for a name that the model lacks; `InputError` where nothing is
+    finite.
     """
     names = tuple(e.name for e in model.effects) if free is None else free
     if missing := [name for name in names if name not in model]:
@@ -169,7 +176,9 @@ def fit_trials(trials: Sequence[Trial], measurement: Measurement, budget: Budget
         rounds = _rounds(stage, start, ahead)
         best = _likeliest(rounds)
         if best.best.exact:
-            ahead = _Ahead(min(ahead.minus_log_posterior, best.minus_log_posterior), min(ahead.first_cost, rounds[0].first_cost))
+            ahead = _Ahead(
+                min(ahead.minus_log_posterior, best.minus_log_posterior), min(ahead.first_cost, rounds[0].first_cost)
+            )
         fits.append(summarise(stage, best, None, "not asked for"))
     return fits
 
@@ -182,14 +191,18 @@ class _Ahead(NamedTuple):
     """As in `Round`, of rounds that begin with no allowance."""
 
     def hopeless_cost(self, measurement: Measurement) -> float:
-        """Cost under the table's noise alone with which a fit does not go on; where that noise is a misfit, only the ratio of costs counts."""
+        """Cost under the table's noise alone with which a fit does not go on; where that noise is a misfit, only the
+        ratio of costs counts.
+        """
         if measurement.sigma is None:
             return math.inf
         numbers = max(1, np.count_nonzero(measurement.weights(0.0)))
         return max(self.first_cost + HOPELESS, self.first_cost * math.exp(2.0 * HOPELESS / numbers))
 
 
-def fit_steps(model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()) -> list[Fit]:
+def fit_steps(
+    model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()
+) -> list[Fit]:
     """Fit a model as effects are added one after the other: the error step by step, compiled once.
 
     **Arguments:** ``model`` to begin with, its own effects keeping their values; ``additions``: effects in the order
@@ -212,7 +225,9 @@ def _finite(fitted: Fit) -> Fit:
     return fitted
 
 
-def _stage(model: Model, everything: Model, measurement: Measurement, names: tuple[str, ...], fixed: frozenset[str]) -> Stage:
+def _stage(
+    model: Model, everything: Model, measurement: Measurement, names: tuple[str, ...], fixed: frozenset[str]
+) -> Stage:
     """The model in the company, at their null, of all that might be freed."""
     require_float64("fit")
     forget_compiled()
@@ -231,7 +246,11 @@ def cross_validated(fitted: Fit) -> Fit:
     stage, end = fitted.stage, fitted.end
     data = make_data(stage.measurement, stage.space.model_at(end.point), Noise(fitted.misfit))
     folds, reason = make_folds(stage.measurement, np.einsum("cmp,cmq->cpq", end.local.slopes, end.local.slopes))
-    ends = descend(stage.space, data, [Start.at(end)] * len(folds), stage.free, ~folds, budget=stage.budget) if len(folds) else []
+    ends = (
+        descend(stage.space, data, [Start.at(end)] * len(folds), stage.free, ~folds, budget=stage.budget)
+        if len(folds)
+        else []
+    )
     return dataclasses.replace(fitted, held_out_rms=_held_out(data, ends, folds), held_out_reason=reason)
 
 
@@ -293,12 +312,16 @@ class Round(NamedTuple):
 
 
 def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float = math.inf) -> Round:
-    """Rounds until the allowance equals the misfit found. **Arguments:** ``hopeless``: cost with which the first of them does not go on."""
+    """Rounds until the allowance equals the misfit found. **Arguments:** ``hopeless``: cost with which the first of
+    them does not go on.
+    """
     now = _round(stage, allowance, starts, stage.space.model, hopeless)
     for _ in range(MOST_ROUNDS - 1):
         if now.settled or not math.isfinite(now.best.cost):
             break
-        now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(first_cost=now.first_cost)
+        now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(
+            first_cost=now.first_cost
+        )
     return now
 
 
@@ -309,14 +332,20 @@ def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, ho
     best = best_of(ends)
     # Of many starts a few optima are left.
     ended = [Start.at(end) for end in distinct_of(ends)]
-    ended = ended or [Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)]
+    ended = ended or [
+        Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)
+    ]
     left = residual_vectors(best.local.error, data)
     misfit = misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE)
     return Round(allowance, data, best, ended, misfit, best.cost if best.exact else math.inf)
 
 
-def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, scatter: RunScatter | None = None) -> Fit:
-    """A round as people want it. ``scatter`` between runs, where it was inferred before; it then counts in the chi-square."""
+def summarise(
+    stage: Stage, now: Round, held_out: float | None, reason: str, *, scatter: RunScatter | None = None
+) -> Fit:
+    """A round as people want it. ``scatter`` between runs, where it was inferred before; it then counts in the
+    chi-square.
+    """
     space, measurement, free = stage.space, stage.measurement, stage.free
     best, data = now.best, now.data
     clusters = whitened_by_run(best.local, data)
@@ -324,7 +353,11 @@ def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, 
         # Too few runs to judge what they share: every case is its own cluster.
         clusters = [Local(error, slopes) for error, slopes in zip(best.local.error, best.local.slopes, strict=True)]
     covariance = _covariance(best, clusters)
-    quantile = float(stdtrit(max(len(clusters) - 1, 1), 0.975)) if now.allowance > 0.0 and measurement.sigma is not None else NORMAL_QUANTILE
+    quantile = (
+        float(stdtrit(max(len(clusters) - 1, 1), 0.975))
+        if now.allowance > 0.0 and measurement.sigma is not None
+        else NORMAL_QUANTILE
+    )
     fitted = space.model_at(best.point)
     left = residual_vectors(best.local.error, data)
     return Fit(
@@ -334,7 +367,9 @@ def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, 
         result=RESULT_TEXT[best.result] if best.exact else NOT_STEADY,
         converged=best.result == CONVERGED and now.settled and best.exact,
         steps=best.steps,
-        reduced_chi2=reduced_chi2(measurement, fitted, left, fitted=int(free.sum()), noise=Noise(0.0, scatter or NO_SCATTER)),
+        reduced_chi2=reduced_chi2(
+            measurement, fitted, left, fitted=int(free.sum()), noise=Noise(0.0, scatter or NO_SCATTER)
+        ),
         held_out_rms=held_out,
         held_out_reason=reason,
         run_scatter=run_floor(measurement, fitted, -left).scatter if scatter is None else scatter,
@@ -348,7 +383,9 @@ def summarise(stage: Stage, now: Round, held_out: float | None, reason: str, *, 
 
 
 def whitened_by_run(local: Local, data: Data) -> list[Local]:
-    """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is undone."""
+    """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is
+    undone.
+    """
     random = data.scatter
     runs = []
     for run in range(data.run_count):
@@ -387,7 +424,9 @@ def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray
         slope = entry.scale * (1.0 + value if entry.logarithmic else 1.0)
         deviation = min(float(width[entry.unknown]), float(np.sqrt(covariance[entry.unknown, entry.unknown])))
         determined = bool(posterior[entry.unknown] < UNDETERMINED * width[entry.unknown])
-        estimates.append(Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown])))
+        estimates.append(
+            Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown]))
+        )
     return tuple(estimates)
 
 

@@ -1,8 +1,8 @@
 """Simple terms that a missing force looks like: a sparse regression of the force on terms along the measured motion.
 
-It is linear, and names terms that can be added as effects (Brunton, Proctor, Kutz 2016, Proc. Natl. Acad. Sci. 113:3932-3937).
-Plain equation error would trust most what the dynamic stiffness amplifies; the squares counted here are those of the change of
-the measured vectors, in standard errors, that brings the equation into balance.
+It is linear, and names terms that can be added as effects (Brunton, Proctor, Kutz 2016, Proc. Natl. Acad. Sci.
+113:3932-3937). Plain equation error would trust most what the dynamic stiffness amplifies; the squares counted here are
+those of the change of the measured vectors, in standard errors, that brings the equation into balance.
 """
 
 import dataclasses
@@ -25,12 +25,15 @@ FINER = (-0.05, -0.035, -0.02, -0.01, 0.01, 0.02, 0.035, 0.05)
 PASSES = 5
 """Of the weights, which the term itself changes where the rotor is near resonance."""
 LEAST_GAIN, LEAST_SHARE = 10.0, 1e-3
-"""A term counts if chi-square falls by so much beyond the Bayesian information criterion (very strong: Kass, Raftery 1995, J. Am. Stat. Assoc. 90:773-795),
-and by this share of what all is about: 3 % in amplitude."""
+"""A term counts if chi-square falls by so much beyond the Bayesian information criterion (very strong: Kass, Raftery
+1995, J. Am. Stat. Assoc. 90:773-795), and by this share of what all is about: 3 % in amplitude.
+"""
 NO_SHARE, TINY = 1e-9, 1e-30
 """Of the measured motion: a force that moves it less is nothing."""
 TOUCHED, LEAST_TOUCHED, SELDOM_TOUCHED = 1e-2, 3, 2
-"""A gap is reached in a case where its force is this share of the largest one; cases in which it must be, and for a term that the response is to judge."""
+"""A gap is reached in a case where its force is this share of the largest one; cases in which it must be, and for a
+term that the response is to judge.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +52,9 @@ class Candidate:
     standard_errors: dict[str, float]
     """Of those that enter linearly, in the scale of what is left over where that is more than noise."""
     share: float
-    """Of the squared change of the vectors, in standard errors, that the force missing asks for: how much this term takes away."""
+    """Of the squared change of the vectors, in standard errors, that the force missing asks for: how much this term
+    takes away.
+    """
     gain: float
     """Fall of chi-square beyond k ln n."""
     rivals: tuple[str, ...]
@@ -86,7 +91,11 @@ class _Fitted(NamedTuple):
 
     def allowed(self) -> bool:
         """A stop pushes back, a crack takes stiffness away."""
-        pushes = [bool(np.all(self.factors[self.factors_of(k)] > 0.0)) for k, (shape, _) in enumerate(self.own) if shape.positive]
+        pushes = [
+            bool(np.all(self.factors[self.factors_of(k)] > 0.0))
+            for k, (shape, _) in enumerate(self.own)
+            if shape.positive
+        ]
         return math.isfinite(self.chi2) and all(pushes)
 
 
@@ -100,7 +109,9 @@ def _fit(balance: Balance, yielding: list[Entry], own: list[Entry]) -> _Fitted:
     slopes = np.stack([c.slopes for c in columns], axis=-1) if columns else np.zeros((*balance.slopes.shape, 0))
     factors, best = np.zeros(len(columns)), _Fitted(own, np.zeros(len(columns)), np.zeros(len(columns)), math.inf)
     for _ in range(PASSES):
-        changed = (balance.whitening @ np.linalg.solve(balance.slopes + slopes @ factors, error)).reshape(-1, error.shape[-1])
+        changed = (balance.whitening @ np.linalg.solve(balance.slopes + slopes @ factors, error)).reshape(
+            -1, error.shape[-1]
+        )
         left = changed[:, 0] + changed[:, 1:] @ factors
         chi2 = float(left @ left)
         if not math.isfinite(chi2):
@@ -114,26 +125,35 @@ def _fit(balance: Balance, yielding: list[Entry], own: list[Entry]) -> _Fitted:
     return best
 
 
-def regress(found: MissingForce, catalog: Mapping[str, type[Effect]] = CATALOG | TERMS, *, fitted: Collection[str] = ()) -> tuple[Candidate, ...]:
+def regress(
+    found: MissingForce, catalog: Mapping[str, type[Effect]] = CATALOG | TERMS, *, fitted: Collection[str] = ()
+) -> tuple[Candidate, ...]:
     """The terms that the missing force looks like, at most two, the larger first; none where noise will do.
 
-    Every term, then every pair of terms, by the Bayesian information criterion (Schwarz 1978, Ann. Stat. 6:461-464), chi-square
-    taken in units of what the best of them leaves where that is more than noise.
+    Every term, then every pair of terms, by the Bayesian information criterion (Schwarz 1978, Ann. Stat. 6:461-464),
+    chi-square taken in units of what the best of them leaves where that is more than noise.
 
     **Arguments:** ``found``: by `missing_force`; ``catalog``: effects by name; those that only change a reading or the
-    support do not enter, nor those that the model has; ``fitted``: effects of the model whose values were fitted without
-    the missing force, and give way beside it. **Returns** `Candidate`s, empty where ``found`` has a reason.
+    support do not enter, nor those that the model has; ``fitted``: effects of the model whose values were fitted
+    without the missing force, and give way beside it. **Returns** `Candidate`s, empty where ``found`` has a reason.
     """
     return next(iter(answers(found, catalog, fitted=fitted, most=1)), ())
 
 
 def answers(
-    found: MissingForce, catalog: Mapping[str, type[Effect]] = CATALOG | TERMS, *, fitted: Collection[str] = (), most: int
+    found: MissingForce,
+    catalog: Mapping[str, type[Effect]] = CATALOG | TERMS,
+    *,
+    fitted: Collection[str] = (),
+    most: int,
 ) -> list[tuple[Candidate, ...]]:
-    """The answer of `regress`, and single terms that do worse in the equation of motion but may do better in the response: what is alike, and the next best.
+    """The answer of `regress`, and single terms that do worse in the equation of motion but may do better in the
+    response: what is alike, and the next best.
 
-    There the motion need not be known at orders that were not measured. **Arguments:** as for `regress`; ``most`` answers.
-    **Returns** the answer of `regress` first, then its terms by themselves, then others outside the catalogue of named effects.
+    There the motion need not be known at orders that were not measured. **Arguments:** as for `regress`; ``most``
+    answers.
+    **Returns** the answer of `regress` first, then its terms by themselves, then others outside the catalogue of named
+    effects.
     """
     if found.balance is None:
         return []
@@ -158,15 +178,25 @@ def answers(
 class _Search:
     """The terms to try, and what fits of them cost."""
 
-    def __init__(self, found: MissingForce, balance: Balance, catalog: Mapping[str, type[Effect]], fitted: Collection[str]):
+    def __init__(
+        self, found: MissingForce, balance: Balance, catalog: Mapping[str, type[Effect]], fitted: Collection[str]
+    ):
         self._found, self._balance, self._catalog = found, balance, catalog
         self._used = np.any(balance.whitening != 0.0, axis=2)
-        tried = list(shapes({name: cls for name, cls in catalog.items() if name not in found.model}, found.model.rotor, found.reach))
-        self._forces = ForceBalance(found.model.plus([catalog[name]() for name in sorted({shape.term for shape in tried})]))
+        tried = list(
+            shapes(
+                {name: cls for name, cls in catalog.items() if name not in found.model}, found.model.rotor, found.reach
+            )
+        )
+        self._forces = ForceBalance(
+            found.model.plus([catalog[name]() for name in sorted({shape.term for shape in tried})])
+        )
         self._yielding = self._entries(_yielding(found, fitted))
         every = self._entries(tried)
         self.pool = [entry for entry in every if self._matters(entry, LEAST_TOUCHED)]
-        self._seldom = [entry for entry in every if not self._matters(entry, LEAST_TOUCHED) and self._matters(entry, SELDOM_TOUCHED)]
+        self._seldom = [
+            entry for entry in every if not self._matters(entry, LEAST_TOUCHED) and self._matters(entry, SELDOM_TOUCHED)
+        ]
         self.none = _fit(balance, self._yielding, [])
         self.unit = math.inf
         """Chi-square per number left over, by the best of all."""
@@ -179,13 +209,17 @@ class _Search:
                 points.append(points[0].copy())
                 for key, value in (shape.held | factor).items():
                     points[-1][self._forces.index[shape.term, key]] += value
-        errors, slopes = self._forces.at(np.stack(points), self._found.measurement.conditions, self._balance.motion, self._balance.measured)
+        errors, slopes = self._forces.at(
+            np.stack(points), self._found.measurement.conditions, self._balance.motion, self._balance.measured
+        )
         errors, slopes = errors * self._used, slopes * (self._used[:, :, None] & self._used[:, None])
         columns = iter(_Column(errors[k] - errors[0], slopes[k] - slopes[0]) for k in range(1, len(points)))
         return [(shape, tuple(next(columns) for _ in shape.factors)) for shape in wanted]
 
     def _matters(self, entry: Entry, cases: int) -> bool:
-        """Whether a term moves anything that was measured; beyond a gap in so many cases, as anything explains a single one."""
+        """Whether a term moves anything that was measured; beyond a gap in so many cases, as anything explains a single
+        one.
+        """
         shape, columns = entry
         motion = self._balance.motion[:, :, self._balance.measured].reshape(len(self._balance.motion), -1, 1)
         least = NO_SHARE * STEP * float(np.linalg.norm(self._balance.slopes @ motion))
@@ -222,7 +256,9 @@ class _Search:
         path = [self.none]
         if two is not None and self._counts(one, two):
             alone = {id(f.own[0][0]): f for f in singles}
-            first, second = sorted(two.own, key=lambda entry: self.cost(alone[id(entry[0])]) if id(entry[0]) in alone else math.inf)
+            first, second = sorted(
+                two.own, key=lambda entry: self.cost(alone[id(entry[0])]) if id(entry[0]) in alone else math.inf
+            )
             path += [_fit(self._balance, self._yielding, own) for own in ([first], [first, second])]
         elif self._counts(self.none, one):
             path += [one]
@@ -230,7 +266,9 @@ class _Search:
         return tuple(self._candidate(path, k, singles if count == 1 else pairs) for k in range(count))
 
     def others(self, answer: tuple[Candidate, ...], singles: list[_Fitted], most: int) -> list[tuple[Candidate, ...]]:
-        """Single terms: those of an answer of two, the best other, what is alike, further others. They may reach their gap in few cases."""
+        """Single terms: those of an answer of two, the best other, what is alike, further others. They may reach their
+        gap in few cases.
+        """
         if most < 1:
             return []
         every = sorted([*singles, *self.fits([[entry] for entry in self._seldom])], key=self.cost)
@@ -239,15 +277,25 @@ class _Search:
             best_of.setdefault(single.own[0][0].term, single)
         own = [c.term for c in answer]
         parts = [term for term in own if len(own) > 1 and term in best_of]
-        others = [term for term, single in best_of.items() if term in TERMS and term not in own and self._counts(self.none, single)]
+        others = [
+            term
+            for term, single in best_of.items()
+            if term in TERMS and term not in own and self._counts(self.none, single)
+        ]
         usable = {term for term in self._catalog if term not in self._found.model and term not in own}
         alike = [term for one in [*own, *others[:1]] if one in TERMS for term in TERMS[one].alike if term in usable]
         terms = [*parts, *others[:1], *alike, *others[1:]]
         chosen = list(dict.fromkeys(terms))[:most]
-        return [(self._candidate([self.none, best_of[term]], 0, every) if term in best_of else _unseen(term),) for term in chosen]
+        return [
+            (self._candidate([self.none, best_of[term]], 0, every) if term in best_of else _unseen(term),)
+            for term in chosen
+        ]
 
     def _counts(self, before: _Fitted, after: _Fitted) -> bool:
-        return self.cost(before) > self.cost(after) + LEAST_GAIN and before.chi2 > after.chi2 + LEAST_SHARE * self.none.chi2
+        return (
+            self.cost(before) > self.cost(after) + LEAST_GAIN
+            and before.chi2 > after.chi2 + LEAST_SHARE * self.none.chi2
+        )
 
     def _candidate(self, path: list[_Fitted], which: int, others: list[_Fitted]) -> Candidate:
         """One term, its factors beside those of the others."""
@@ -261,23 +309,44 @@ class _Search:
                     grown = max(1.0 + coefficients[key], LEAST_FACTOR)
                     coefficients[key], errors[key] = math.log(grown), errors[key] / grown
         company = {id(s) for s, _ in last.own} - {id(shape)}
-        near = [f for f in others if company <= {id(s) for s, _ in f.own} and self.cost(f) < self.cost(last) + LEAST_GAIN]
-        names = (s.words for f in sorted(near, key=self.cost) for s, _ in f.own if id(s) not in company and s.term != shape.term)
+        near = [
+            f for f in others if company <= {id(s) for s, _ in f.own} and self.cost(f) < self.cost(last) + LEAST_GAIN
+        ]
+        names = (
+            s.words
+            for f in sorted(near, key=self.cost)
+            for s, _ in f.own
+            if id(s) not in company and s.term != shape.term
+        )
         fall = path[which].chi2 - path[which + 1].chi2
         gain = self.cost(path[which]) - self.cost(path[which + 1])
         return Candidate(
-            shape.term, shape.words, shape.plain, shape.gap, coefficients, errors, fall / max(self.none.chi2, TINY), gain, tuple(dict.fromkeys(names))
+            shape.term,
+            shape.words,
+            shape.plain,
+            shape.gap,
+            coefficients,
+            errors,
+            fall / max(self.none.chi2, TINY),
+            gain,
+            tuple(dict.fromkeys(names)),
         )
 
 
 def _holding(found: MissingForce, axis: int) -> Candidate:
-    """Friction that holds the rotor still along an axis, of the least size that can: there velocities are noise, from which no regression tells it."""
+    """Friction that holds the rotor still along an axis, of the least size that can: there velocities are noise, from
+    which no regression tells it.
+    """
     term = f"term_dry_friction_{'xy'[axis]}"
-    return dataclasses.replace(_unseen(term), coefficients={TERMS[term].parameters()[0].name: float(np.max(np.abs(found.force[:, axis])))})
+    return dataclasses.replace(
+        _unseen(term), coefficients={TERMS[term].parameters()[0].name: float(np.max(np.abs(found.force[:, axis])))}
+    )
 
 
 def _unseen(term: str) -> Candidate:
-    """A term that the regression could not try, as it does nothing to the orders measured: only the response can say what it would do."""
+    """A term that the regression could not try, as it does nothing to the orders measured: only the response can say
+    what it would do.
+    """
     words, gap = TERMS[term].words, next((name for name in TERMS[term].over_amplitude if name == GAP), None)
     return Candidate(term, words, words, gap, {}, {}, 0.0, 0.0, ())
 
@@ -285,5 +354,14 @@ def _unseen(term: str) -> Candidate:
 def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:
     """Every parameter of these effects of the model by itself."""
     layout, rotor = found.model.layout, found.model.rotor
-    effects = [e for e in found.model.effects if e.name in fitted and not isinstance(e, ReadingEffect | SpeedEffect | WaveformEffect)]
-    return [Shape(e.name, {}, ({label: STEP * p.prior_scale(rotor)},)) for e in effects for p in e.parameters() for label in p.labels(layout)]
+    effects = [
+        e
+        for e in found.model.effects
+        if e.name in fitted and not isinstance(e, ReadingEffect | SpeedEffect | WaveformEffect)
+    ]
+    return [
+        Shape(e.name, {}, ({label: STEP * p.prior_scale(rotor)},))
+        for e in effects
+        for p in e.parameters()
+        for label in p.labels(layout)
+    ]

@@ -29,8 +29,9 @@ class HeldOut(NamedTuple):
 def held_out(contest: Contest, selection: Selection, ties: Ties) -> HeldOut:
     """Leave out groups of runs or of speeds in turn; select effects and fit on the rest; predict what was left out.
 
-    Each fold makes its own choice among all sets that come near the answer on the whole data, and parts of it; at the steps before the
-    last one it adds of these effects what explains the most. **Arguments:** ``ties``: what was fitted in the place of the answer.
+    Each fold makes its own choice among all sets that come near the answer on the whole data, and parts of it; at the
+    steps before the last one it adds of these effects what explains the most. **Arguments:** ``ties``: what was fitted
+    in the place of the answer.
     """
     final = selection.known[selection.present].best
     folds, reason = make_folds(contest.measurement, np.einsum("cmp,cmq->cpq", final.local.slopes, final.local.slopes))
@@ -53,10 +54,18 @@ def held_out(contest: Contest, selection: Selection, ties: Ties) -> HeldOut:
 def _near(contest: Contest, selection: Selection, ties: Ties) -> list[Effects]:
     """The answer, its parts, and what comes near it on the whole data: beside it, and in the place of parts of it."""
     answer, race = selection.present, selection.races[-1]
-    parts = [frozenset(part) for size in range(len(answer) + 1) for part in itertools.combinations(sorted(answer), size)]
-    beside = [e for e, c in race.contenders.items() if c.log_evidence > race.contenders[answer].log_evidence - WORTH_TRYING]
+    parts = [
+        frozenset(part) for size in range(len(answer) + 1) for part in itertools.combinations(sorted(answer), size)
+    ]
+    beside = [
+        e for e, c in race.contenders.items() if c.log_evidence > race.contenders[answer].log_evidence - WORTH_TRYING
+    ]
     instead = [e for e, c in ties.raced.items() if c.log_evidence > ties.winner.log_evidence - WORTH_TRYING]
-    return [e for e in dict.fromkeys((*parts, *beside, *instead)) if len(e) <= max(selection.most + len(selection.small), len(answer))]
+    return [
+        e
+        for e in dict.fromkeys((*parts, *beside, *instead))
+        if len(e) <= max(selection.most + len(selection.small), len(answer))
+    ]
 
 
 Scores = dict[Effects, float]
@@ -66,11 +75,13 @@ Scores = dict[Effects, float]
 class _Folds:
     """All folds under one noise: their fits, and the choice that each makes.
 
-    What the whole data's fits say of a fold to first order (`rotorjax.inference.influence`) rules out most sets; those that may be chosen
-    are fitted without it.
+    What the whole data's fits say of a fold to first order (`rotorjax.inference.influence`) rules out most sets; those
+    that may be chosen are fitted without it.
     """
 
-    def __init__(self, contest: Contest, known: Known, answer: Effects, noise: Noise, folds: Bool[np.ndarray, "fold case"]) -> None:
+    def __init__(
+        self, contest: Contest, known: Known, answer: Effects, noise: Noise, folds: Bool[np.ndarray, "fold case"]
+    ) -> None:
         self.contest, self.known, self.noise, self.folds = contest, dict(known), noise, folds
         self.data = contest.data(noise, known[answer].best.point)
         self.rests = [dataclasses.replace(contest, training=~left_out) for left_out in folds]
@@ -81,14 +92,24 @@ class _Folds:
     def choose(self, wanted: Sequence[Sequence[Effects]], choice: Callable[[Scores], Effects]) -> list[Effects]:
         """What each fold chooses among some sets."""
         self._on_all(dict.fromkeys(itertools.chain(*wanted)))
-        while tasks := [(fold, effects) for fold, sets in enumerate(wanted) for effects in self._doubtful(fold, sets, choice)]:
-            ends = self._descended([(effects, Start.at(end), self.rests[fold].training) for fold, effects in tasks for end in self.whole[effects]])
+        while tasks := [
+            (fold, effects) for fold, sets in enumerate(wanted) for effects in self._doubtful(fold, sets, choice)
+        ]:
+            ends = self._descended(
+                [
+                    (effects, Start.at(end), self.rests[fold].training)
+                    for fold, effects in tasks
+                    for end in self.whole[effects]
+                ]
+            )
             for fold, effects in tasks:
                 self.fitted[fold][effects] = best_of([ends.pop(0) for _ in self.whole[effects]])
         return [choice(self._scores(fold, sets)) for fold, sets in enumerate(wanted)]
 
     def _on_all(self, sets: Iterable[Effects]) -> None:
-        """All data's fits of sets of effects, to first order where they were made under another noise; and each fold taken out of them so."""
+        """All data's fits of sets of effects, to first order where they were made under another noise; and each fold
+        taken out of them so.
+        """
         new = [effects for effects in sets if effects not in self.whole]
         again = {e for e in new if e not in self.known or not self.known[e].balanced}
         again.update(anew(self.contest, self.noise, [e for e in new if e not in again], self.known, lambda _: False))
@@ -116,7 +137,10 @@ class _Folds:
     def _descended(self, tasks: list[tuple[Effects, Start, np.ndarray]]) -> list[End]:
         if not tasks:
             return []
-        masks, training = np.stack([self.contest.free(effects) for effects, *_ in tasks]), np.stack([cases for *_, cases in tasks])
+        masks, training = (
+            np.stack([self.contest.free(effects) for effects, *_ in tasks]),
+            np.stack([cases for *_, cases in tasks]),
+        )
         starts = [start for _, start, _ in tasks]
         return descend(self.contest.space, self.data, starts, masks, training, budget=self.contest.budget, manner=QUICK)
 
@@ -124,8 +148,14 @@ class _Folds:
         """Optima on all data to begin with: of the same set, or of the nearest one."""
         if effects in self.known:
             return [Start.at(end) for end in self.known[effects].ends[:2]]
-        nearest = self.known[min(self.known, key=lambda other: (len(other ^ effects), -self.known[other].log_evidence))].best
-        return [Start.at(nearest)._replace(point=np.where(self.contest.free(effects), nearest.point, self.contest.space.given_unknowns()))]
+        nearest = self.known[
+            min(self.known, key=lambda other: (len(other ^ effects), -self.known[other].log_evidence))
+        ].best
+        return [
+            Start.at(nearest)._replace(
+                point=np.where(self.contest.free(effects), nearest.point, self.contest.space.given_unknowns())
+            )
+        ]
 
     def error(self, bases: list[Effects]) -> float:
         """Root mean square |residual| of each fold's own choice on what was left out [m]."""
@@ -139,7 +169,10 @@ class _Folds:
     def _scores(self, fold: int, sets: Iterable[Effects]) -> Scores:
         """Of some sets on a fold's rest."""
         ends = {e: self.fitted[fold].get(e, self.first[fold][e]) for e in sets}
-        return {e: contender_of(self.rests[fold], e, [end], self.noise).log_evidence + self.contest.log_odds(e) for e, end in ends.items()}
+        return {
+            e: contender_of(self.rests[fold], e, [end], self.noise).log_evidence + self.contest.log_odds(e)
+            for e, end in ends.items()
+        }
 
 
 def _most_probable(scores: Scores) -> Effects:

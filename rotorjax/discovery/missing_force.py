@@ -25,7 +25,9 @@ from rotorjax.units import MICROMETRE
 LEAST_SIGHT = 1e-2
 """Least over largest sensitivity of the probes of a case from which on both directions count as seen."""
 HELD, STILL = 5.0, 3.0
-"""An axis is held if the model moves at least so many times as far along it as measured, and what was measured is at most so many times the noise."""
+"""An axis is held if the model moves at least so many times as far along it as measured, and what was measured is at
+most so many times the noise.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +60,9 @@ class MissingForce:
     balance: "Balance | None"
     """What a regression works on."""
     held: tuple[int, ...] = ()
-    """Axes (0: x, 1: y) along which the rotor hardly moves, though without the force it would: any restraint does that, so that the shape is doubtful."""
+    """Axes (0: x, 1: y) along which the rotor hardly moves, though without the force it would: any restraint does that,
+    so that the shape is doubtful.
+    """
 
     def __repr__(self) -> str:
         return f"MissingForce({self.reason or f'{float(np.sqrt(np.mean(self.rms[self.usable] ** 2))):.3g} N rms'})"
@@ -77,7 +81,9 @@ class MissingForce:
 
 
 class Balance(NamedTuple):
-    """The equations of motion at the measured motion, as real numbers: (x, then y) times (mean, then Re, Im per order)."""
+    """The equations of motion at the measured motion, as real numbers: (x, then y) times (mean, then
+    Re, Im per order).
+    """
 
     motion: Float[np.ndarray, "case dof coefficient"]
     """At all orders of the grid [m]."""
@@ -112,7 +118,10 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
     """
     require_float64("missing_force")
     if model.layout.probes != measurement.probes:
-        raise ValueError(f"the model has probes {model.layout.probes}, the measurement {measurement.probes}: build both from one rig file")
+        raise ValueError(
+            f"the model has probes {model.layout.probes}, the measurement {measurement.probes}: build both from one "
+            "rig file"
+        )
     full = model.with_orders(measurement.orders)
     grid = make_grid(measurement.orders)
     rotor = LinearRotor(full)
@@ -121,13 +130,21 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
     if any(isinstance(e, WaveformEffect) for e in full.effects):
         return _nothing(full, measurement, grid, "a probe that bends the waveform cannot be undone from a few orders")
     if not usable.any():
-        return _nothing(full, measurement, grid, "only one direction was measured: the force needs the motion along x and along y in the same case")
-    motion, whitening, covariance, measured = _motion(rotor, measurement, sight, both & usable[:, None], noise_allowance)
+        return _nothing(
+            full,
+            measurement,
+            grid,
+            "only one direction was measured: the force needs the motion along x and along y in the same case",
+        )
+    motion, whitening, covariance, measured = _motion(
+        rotor, measurement, sight, both & usable[:, None], noise_allowance
+    )
     forces = ForceBalance(full)
     errors, slopes = (part[0] for part in forces.at(forces.values[None], measurement.conditions, motion, measured))
     used = np.any(whitening != 0.0, axis=2)
     balance = Balance(
-        motion, measured, np.where(used, errors, 0.0), np.where(used[:, :, None] & used[:, None], slopes, np.eye(used.shape[1])[None]), whitening,
+        motion, measured, np.where(used, errors, 0.0),
+        np.where(used[:, :, None] & used[:, None], slopes, np.eye(used.shape[1])[None]), whitening,
         measurement.sigma is not None or measurement.knowledge.tolerance > 0.0 or noise_allowance > 0.0,
     )  # fmt: skip
     shown = _shown(full, measurement, grid, balance, covariance, sight.speed)
@@ -135,7 +152,9 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
 
 
 def _seen(sight: Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "case order"], Bool[np.ndarray, "case"]]:
-    """Which orders the probes see in both directions, and the cases with such orders and none seen in one direction only."""
+    """Which orders the probes see in both directions, and the cases with such orders and none seen in one direction
+    only.
+    """
     present = np.swapaxes(measurement.present, 1, 2)
     size = np.linalg.svd(sight.along * present[..., None], compute_uv=False)
     both = np.asarray(size[..., -1] > LEAST_SIGHT * np.maximum(size[..., 0], 1e-12)) & (size.shape[-1] == 2)
@@ -145,7 +164,12 @@ def _seen(sight: Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "cas
 
 def _motion(
     rotor: LinearRotor, measurement: Measurement, sight: Sight, seen: Bool[np.ndarray, "case order"], allowance: float
-) -> tuple[Float[np.ndarray, "case dof coefficient"], Float[np.ndarray, "case equation equation"], Float[np.ndarray, "case equation equation"], np.ndarray]:
+) -> tuple[
+    Float[np.ndarray, "case dof coefficient"],
+    Float[np.ndarray, "case equation equation"],
+    Float[np.ndarray, "case equation equation"],
+    np.ndarray,
+]:
     """The measured motion [m], the whitening and the covariance of its measured coefficients, and which these are."""
     shown = measurement.vectors + rotor.at_slow_roll(measurement.conditions)
     weight = measurement.weights(allowance)[..., 0]
@@ -167,9 +191,13 @@ def _motion(
         parts = np.stack([disk[:, order].real, disk[:, order].imag], axis=-1)[..., : len(place)]
         motion[:, :, place] = np.where(here[:, None, None], parts, motion[:, :, place])
         p = inverse[:, order]
-        whole = np.stack([np.stack([p.real, -p.imag], axis=-1), np.stack([p.imag, p.real], axis=-1)], axis=2)[:, :, : len(place), :, : len(place)]
+        whole = np.stack([np.stack([p.real, -p.imag], axis=-1), np.stack([p.imag, p.real], axis=-1)], axis=2)[
+            :, :, : len(place), :, : len(place)
+        ]
         block = slice(start, start + len(place))
-        covariance[:, :, block, :, block] = np.einsum("cikpl,cjmpl->cikjm", whole, whole) * here[:, None, None, None, None]
+        covariance[:, :, block, :, block] = (
+            np.einsum("cikpl,cjmpl->cikjm", whole, whole) * here[:, None, None, None, None]
+        )
         used[:, :, block] = here[:, None, None]
         start += len(place)
     flat, used = covariance.reshape(len(motion), 2 * len(measured), -1), used.reshape(len(motion), -1)
@@ -183,7 +211,14 @@ def _positions(grid: Grid, orders: tuple[float, ...]) -> list[np.ndarray]:
     return [np.array([0]) if k == 0 else np.array([2 * k - 1, 2 * k]) for k in positions(orders, grid)]
 
 
-def _shown(model: Model, measurement: Measurement, grid: Grid, balance: Balance, covariance: np.ndarray, speed: Float[np.ndarray, "case"]) -> MissingForce:
+def _shown(
+    model: Model,
+    measurement: Measurement,
+    grid: Grid,
+    balance: Balance,
+    covariance: np.ndarray,
+    speed: Float[np.ndarray, "case"],
+) -> MissingForce:
     """Waveforms and amplitudes, with their standard errors."""
     cases, width = len(balance.motion), len(balance.measured)
     spread = (balance.slopes @ covariance @ np.swapaxes(balance.slopes, 1, 2)).reshape(cases, 2, width, 2, width)
@@ -194,13 +229,17 @@ def _shown(model: Model, measurement: Measurement, grid: Grid, balance: Balance,
     variance = np.einsum("cdij,is,js->cds", own, waves, waves)
     ends = itertools.pairwise(np.cumsum([0, *(len(place) for place in _positions(grid, measurement.orders))]))
     blocks = [range(a, b) for a, b in ends]
-    amplitudes = np.stack([error[..., block[0]] + (1j * error[..., block[1]] if len(block) > 1 else 0j) for block in blocks], axis=-1)
+    amplitudes = np.stack(
+        [error[..., block[0]] + (1j * error[..., block[1]] if len(block) > 1 else 0j) for block in blocks], axis=-1
+    )
     deviations = np.stack([np.sqrt(np.mean([own[..., k, k] for k in block], axis=0)) for block in blocks], axis=-1)
     force, moves = error @ waves, balance.motion @ synthesis
     velocity = speed[:, None, None] * (balance.motion @ rate)
     usable = np.any(balance.whitening != 0.0, axis=(1, 2))
     band = np.sqrt(np.maximum(variance, 0.0))
-    return MissingForce(model, measurement, None, usable, grid.angle, force, band, moves, velocity, amplitudes, deviations, balance)
+    return MissingForce(
+        model, measurement, None, usable, grid.angle, force, band, moves, velocity, amplitudes, deviations, balance
+    )
 
 
 def _held(balance: Balance, covariance: np.ndarray, free: Float[np.ndarray, "case dof coefficient"]) -> tuple[int, ...]:
@@ -209,12 +248,29 @@ def _held(balance: Balance, covariance: np.ndarray, free: Float[np.ndarray, "cas
         return ()
     vibrates = balance.measured != 0
     used = np.any(balance.whitening != 0.0, axis=2).reshape(len(free), 2, -1)[..., vibrates]
-    squares = [(part[..., balance.measured][..., vibrates] ** 2 * used).sum(axis=(0, 2)) for part in (balance.motion, free)]
+    squares = [
+        (part[..., balance.measured][..., vibrates] ** 2 * used).sum(axis=(0, 2)) for part in (balance.motion, free)
+    ]
     noise = (np.diagonal(covariance, axis1=1, axis2=2).reshape(len(free), 2, -1)[..., vibrates] * used).sum(axis=(0, 2))
-    return tuple(k for k in (0, 1) if squares[0][k] <= STILL**2 * noise[k] and squares[1][k] >= HELD**2 * squares[0][k] > 0.0)
+    return tuple(
+        k for k in (0, 1) if squares[0][k] <= STILL**2 * noise[k] and squares[1][k] >= HELD**2 * squares[0][k] > 0.0
+    )
 
 
 def _nothing(model: Model, measurement: Measurement, grid: Grid, reason: str) -> MissingForce:
     cases = len(measurement.run)
     wave, part = np.zeros((cases, 2, len(grid.angle))), np.zeros((cases, 2, len(measurement.orders)))
-    return MissingForce(model, measurement, reason, np.zeros(cases, bool), grid.angle, wave, wave, wave, wave, part.astype(complex), part, None)
+    return MissingForce(
+        model,
+        measurement,
+        reason,
+        np.zeros(cases, bool),
+        grid.angle,
+        wave,
+        wave,
+        wave,
+        wave,
+        part.astype(complex),
+        part,
+        None,
+    )

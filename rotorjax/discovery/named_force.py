@@ -1,4 +1,6 @@
-"""None of these: the force that is missing, the simple terms that it looks like, and how well they do in the response."""
+"""None of these: the force that is missing, the simple terms that it looks like, and how well they
+do in the response.
+"""
 
 import dataclasses
 import itertools
@@ -16,7 +18,9 @@ from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 
 LARGE_SHARE = 0.8
-"""Share of the missing force that a term must have to be tried in the place of several effects where the regression wants more than it."""
+"""Share of the missing force that a term must have to be tried in the place of several effects where the regression
+wants more than it.
+"""
 UNSEEN = 30.0
 """Prior scales allowed for a term of which the regression sees nothing."""
 FITTED = 7
@@ -54,15 +58,22 @@ class NamedForce:
 def _words(terms: tuple[Candidate, ...], fitted: Fit | None) -> str:
     values = {} if fitted is None else {(e.entry.effect, e.entry.label): e.value for e in fitted.estimates}
     inverse = [values.get((term.term, term.gap), 0.0) if term.gap else 0.0 for term in terms]
-    return " and ".join(with_gap(term.term, term.plain, one) if one else term.words for term, one in zip(terms, inverse, strict=True))
+    return " and ".join(
+        with_gap(term.term, term.plain, one) if one else term.words for term, one in zip(terms, inverse, strict=True)
+    )
 
 
-def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG) -> NamedForce:
-    """Look at the force that is missing, name simple terms, and fit them in the response, not only in the equation of motion.
+def name_force(
+    declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Mapping[str, type[Effect]] = CATALOG
+) -> NamedForce:
+    """Look at the force that is missing, name simple terms, and fit them in the response, not only in the equation of
+    motion.
 
-    First beside the model as declared: effects that were added in vain distort what is left. If that is not enough, beside the
-    answer. **Arguments:** ``declared``: fit of the values declared uncertain; ``answer``: with the ``effects`` added.
-    **Returns** the better of both; without terms, beside the answer, where neither does better than the answer does without.
+    First beside the model as declared: effects that were added in vain distort what is left. If that is not enough,
+    beside the answer. **Arguments:** ``declared``: fit of the values declared uncertain; ``answer``: with the
+    ``effects`` added.
+    **Returns** the better of both; without terms, beside the answer, where neither does better than the answer does
+    without.
     """
     first = _named(declared, (), catalog)
     if first.enough:
@@ -77,8 +88,9 @@ def name_force(declared: Fit, answer: Fit, effects: tuple[str, ...], catalog: Ma
 def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtful: bool = False) -> NamedForce | None:
     """Terms that explain as much as an answer of named effects, if there are: the answer is then one of two.
 
-    In the place of several effects fewer terms; in the place of one a single term that does much better, looked for only where something
-    is left beside the answer that a term would take away, or where the answer is ``doubtful`` by itself. None where the noise is unknown.
+    In the place of several effects fewer terms; in the place of one a single term that does much better, looked for
+    only where something is left beside the answer that a term would take away, or where the answer is ``doubtful`` by
+    itself. None where the noise is unknown.
     **Arguments:** as for `name_force`.
     """
     alone = len(effects) == 1
@@ -101,10 +113,14 @@ def _left(fitted: Fit, counted: int) -> float:
     return numbers * math.log(max(m.rms_of(fitted.predicted), 1e-15) ** 2) + counted * math.log(numbers)
 
 
-def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int | None = None) -> NamedForce:
-    """The likeliest answer of the regression in the response, where the motion need not be known at orders that were not measured.
+def _named(
+    found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int | None = None
+) -> NamedForce:
+    """The likeliest answer of the regression in the response, where the motion need not be known at orders that were
+    not measured.
 
-    **Arguments:** ``most`` terms: where the regression wants more, only those that are most of the force by themselves are tried.
+    **Arguments:** ``most`` terms: where the regression wants more, only those that are most of the force by themselves
+    are tried.
     """
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
     force, likely = _likely(found, beside, catalog, FITTED)
@@ -121,8 +137,14 @@ def _named(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effec
     best = next(k for k in ranked if scores[k] < min(scores.values()) + LEAST_GAIN)
     # What a rival has to fit, a gap for instance, does not exclude it: only what it leaves, at a price for each term.
     left = {k: _left(fits[k], len(likely[k])) for k in scores}
-    rivals = [k for k in ranked if k != best and (scores[k] < min(scores.values()) + LEAST_GAIN or left[k] < left[best] + LEAST_GAIN)]
-    words = (_words(likely[k], fits[k]) for k in rivals if not {t.term for t in likely[best]} <= {t.term for t in likely[k]})
+    rivals = [
+        k
+        for k in ranked
+        if k != best and (scores[k] < min(scores.values()) + LEAST_GAIN or left[k] < left[best] + LEAST_GAIN)
+    ]
+    words = (
+        _words(likely[k], fits[k]) for k in rivals if not {t.term for t in likely[best]} <= {t.term for t in likely[k]}
+    )
     return NamedForce(force, likely[best], beside, cross_validated(fits[best]), tuple(words))
 
 
@@ -135,8 +157,12 @@ def _enough(fitted: Fit) -> bool:
     return fitted.reduced_chi2 is not None and fitted.reduced_chi2 <= LARGEST_HEALTHY_CHI2
 
 
-def _unprejudiced(measurement: Measurement, model: Model, tried: list[tuple[Candidate, ...]], every: Mapping[str, type[Effect]]) -> Measurement:
-    """With prior scales of terms as wide as what the regression found, and wide where it could try nothing: the data alone are to choose."""
+def _unprejudiced(
+    measurement: Measurement, model: Model, tried: list[tuple[Candidate, ...]], every: Mapping[str, type[Effect]]
+) -> Measurement:
+    """With prior scales of terms as wide as what the regression found, and wide where it could try nothing: the data
+    alone are to choose.
+    """
     priors = {name: dict(scales) for name, scales in measurement.knowledge.priors.items()}
     for term in itertools.chain(*tried):
         for declared in every[term.term].parameters():
@@ -146,15 +172,26 @@ def _unprejudiced(measurement: Measurement, model: Model, tried: list[tuple[Cand
     return dataclasses.replace(measurement, knowledge=dataclasses.replace(measurement.knowledge, priors=priors))
 
 
-def _likely(found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:
+def _likely(
+    found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int
+) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:
     """The force that a fit lacks, and the answers of the regression, the effects ``beside`` giving way."""
     model, measurement = found.model, found.stage.measurement
     force = missing_force(model.with_orders(measurement.orders), measurement)
-    told = (tuple(t for t in terms if t.term not in model) for terms in answers(force, dict(catalog) | TERMS, fitted=beside, most=most))
+    told = (
+        tuple(t for t in terms if t.term not in model)
+        for terms in answers(force, dict(catalog) | TERMS, fitted=beside, most=most)
+    )
     return force, [terms for terms in told if terms]
 
 
-def _trial(model: Model, terms: tuple[Candidate, ...], beside: tuple[str, ...], every: Mapping[str, type[Effect]]) -> Trial:
+def _trial(
+    model: Model, terms: tuple[Candidate, ...], beside: tuple[str, ...], every: Mapping[str, type[Effect]]
+) -> Trial:
     """A model with terms, and what of it is to be fitted: from the values of the regression, if it saw all of them."""
     full = model.plus([every[t.term](**t.coefficients) for t in terms])
-    return Trial(full, tuple(name for name in (*beside, *(t.term for t in terms)) if name in full), all(t.standard_errors for t in terms))
+    return Trial(
+        full,
+        tuple(name for name in (*beside, *(t.term for t in terms)) if name in full),
+        all(t.standard_errors for t in terms),
+    )

@@ -37,7 +37,9 @@ class Proposal(NamedTuple):
     """Probes of the rig without a reading so far, if it takes them to tell."""
 
 
-def next_measurement(contest: Contest, noise: Noise, first: End, second: End, names: tuple[tuple[str, ...], tuple[str, ...]]) -> Proposal | None:
+def next_measurement(
+    contest: Contest, noise: Noise, first: End, second: End, names: tuple[tuple[str, ...], tuple[str, ...]]
+) -> Proposal | None:
     """The run and speed at which two fitted explanations differ most.
 
     The difference counts in standard errors of noise and of what the parameters of both leave open. Near a resonance of
@@ -45,7 +47,12 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     others would not tell. None if no reading within the limits would tell.
     """
     runs = _runs(contest)
-    peaks = np.concatenate([critical_speeds_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,))) for end in (first, second)])
+    peaks = np.concatenate(
+        [
+            critical_speeds_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,)))
+            for end in (first, second)
+        ]
+    )
     measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.5 * measured.min(), 1.5 * measured.max())
     speeds = np.linspace(low, high, SPEEDS)
@@ -53,12 +60,14 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     bow = np.repeat(np.stack([b for _, b in runs.values()]), SPEEDS, axis=0)
     conditions = Conditions.at_rpm(np.tile(speeds, len(runs)), unbalance=unbalance, bow=bow)
     shown, spread = zip(*(_prediction(contest, conditions, end) for end in (first, second)), strict=True)
-    known = np.all([np.isfinite(z).all(axis=(1, 2)) & np.isfinite(s).all(axis=(1, 2)) for z, s in zip(shown, spread, strict=True)], axis=0)
-    shown, spread = [np.where(known[:, None, None], z, 0.0) for z in shown], [np.where(known[:, None, None], s, 0.0) for s in spread]
+    known = np.all([np.isfinite(z).all(axis=(1, 2)) for z in (*shown, *spread)], axis=0)
+    shown, spread = ([np.where(known[:, None, None], z, 0.0) for z in values] for values in (shown, spread))
     weight = contest.measurement.weights(noise.allowance)
     sigma = float(1.0 / np.median(weight[weight > 0.0]))
     speed = np.tile(speeds, len(runs))
-    allowed = np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1) if len(peaks) else np.ones(len(speed), bool)
+    allowed = (
+        np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1) if len(peaks) else np.ones(len(speed), bool)
+    )
     largest = max(float(np.abs(contest.measurement.vectors).max()), MICROMETRE) * 3.0
     most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
     # Where a force depends on the motion there may be no steady state to compute.
@@ -75,10 +84,21 @@ def next_measurement(contest: Contest, noise: Noise, first: End, second: End, na
     return None
 
 
-def _apart(contest: Contest, shown: list[np.ndarray], spread: list[np.ndarray], sigma: float, probes: tuple[str, ...]) -> Float[np.ndarray, "case"]:
-    """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave open."""
+def _apart(
+    contest: Contest, shown: list[np.ndarray], spread: list[np.ndarray], sigma: float, probes: tuple[str, ...]
+) -> Float[np.ndarray, "case"]:
+    """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave
+    open.
+    """
     # Half orders have no sign that a reading could be held against.
-    cells = np.repeat([probe in probes and not is_half_order(n) for probe in contest.measurement.probes for n in contest.measurement.orders], 2)
+    cells = np.repeat(
+        [
+            probe in probes and not is_half_order(n)
+            for probe in contest.measurement.probes
+            for n in contest.measurement.orders
+        ],
+        2,
+    )
     gap = numpy_pair(shown[0] - shown[1]).reshape(len(shown[0]), -1)[:, cells]
     covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s[:, cells] @ np.swapaxes(s[:, cells], 1, 2) for s in spread)
     return np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))
@@ -101,7 +121,9 @@ def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return runs
 
 
-def _prediction(contest: Contest, conditions: Conditions, end: End) -> tuple[np.ndarray, Float[np.ndarray, "case cell free"]]:
+def _prediction(
+    contest: Contest, conditions: Conditions, end: End
+) -> tuple[np.ndarray, Float[np.ndarray, "case cell free"]]:
     """Vectors, and how the uncertainty of the free unknowns spreads them (a factor of their covariance)."""
     near = (contest.measurement.conditions, end.motions)
     found = predict(contest.space, conditions, end.point, budget=contest.budget, near=near, free=end.free)

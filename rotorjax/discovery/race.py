@@ -17,7 +17,15 @@ from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, des
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.linearised import Budget
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
-from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise, independent_numbers, misfit_of, run_floor
+from rotorjax.inference.noise import (
+    MOST_ROUNDS,
+    NO_NOISE,
+    SAME_MISFIT,
+    Noise,
+    independent_numbers,
+    misfit_of,
+    run_floor,
+)
 from rotorjax.inference.space import Space, make_space, with_company
 from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
 from rotorjax.model.model import Model
@@ -25,7 +33,9 @@ from rotorjax.model.model import Model
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
 EXACT_SHARE = 50_000
-"""Single cases that one race under the noise that is known may linearise: twice what it took where one of the drawn hypotheses held."""
+"""Single cases that one race under the noise that is known may linearise: twice what it took where one of the drawn
+hypotheses held.
+"""
 NOISE_FALL = 0.5
 """What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
 WORTH_TRYING = 40.0
@@ -101,7 +111,8 @@ class Contest:
         return self.space.free(list(effects))
 
     def lean(self, sets: Iterable[Effects], chosen: Effects, near: Iterable[str]) -> list[Effects]:
-        """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at most or as many.
+        """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at
+        most or as many.
 
         Each such force costs as much as a hundred linear effects.
         """
@@ -140,14 +151,17 @@ class Contest:
 def check_catalog(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor) -> None:
     """Refuse a catalogue that would lose an effect on the way, or one whose force is no force.
 
-    **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family that
-    there is not, and for a force that is not two finite numbers at rest.
+    **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family
+    that there is not, and for a force that is not two finite numbers at rest.
     """
     for key, cls in catalog.items():
         if not isinstance(cls, type):
             raise ValueError(f"catalog[{key!r}] is an effect: hand over its class, without parentheses")
         if cls.name != key:
-            raise ValueError(f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: {cls.__name__}}}")
+            raise ValueError(
+                f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: "
+                f"{cls.__name__}}}"
+            )
         if cls.family not in get_args(Family):
             raise ValueError(f"{key}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
         if issubclass(cls, RestoringEffect) and key not in CATALOG:
@@ -161,13 +175,21 @@ def _check_force(cls: type[RestoringEffect], rotor: AbstractRotor) -> None:
     for effect in (cls(), cls(*scales) if not any(p.axes for p in cls.parameters()) else cls()):
         force = jnp.asarray(effect.force(at_rest))
         if force.shape != (2,):
-            raise ValueError(f"{cls.name}: its force has shape {force.shape}; return (f_x, f_y) in N, like jnp.stack([f_x, f_y])")
+            raise ValueError(
+                f"{cls.name}: its force has shape {force.shape}; return (f_x, f_y) in N, like jnp.stack([f_x, f_y])"
+            )
         if not bool(jnp.all(jnp.isfinite(force))):
-            raise ValueError(f"{cls.name}: its force on a rotor at rest is {force}; keep it finite there, zero over zero included")
+            raise ValueError(
+                f"{cls.name}: its force on a rotor at rest is {force}; keep it finite there, zero over zero included"
+            )
 
 
 def make_contest(
-    model: Model, measurement: Measurement, candidates: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG, budget: Budget | None = None
+    model: Model,
+    measurement: Measurement,
+    candidates: Iterable[str],
+    catalog: Mapping[str, type[Effect]] = CATALOG,
+    budget: Budget | None = None,
 ) -> Contest:
     """All candidates at their null beside the model's own effects; odds by family, then by member.
 
@@ -176,10 +198,18 @@ def make_contest(
     full = with_company(model.with_orders(measurement.orders), catalog, catalog)
     space = make_space(full, measurement.knowledge)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
-    possible = tuple(name for name in catalog if name in set(candidates) and name not in model and name not in uncertain)
+    possible = tuple(
+        name for name in catalog if name in set(candidates) and name not in model and name not in uncertain
+    )
     shown = tuple(name for name in possible if any(e.effect == name for e in space.entries))
-    families = {family: [n for n in shown if catalog[n].family == family] for family in {catalog[n].family for n in shown}}
-    odds = {n: (1.0 - NONE_ODDS) / NONE_ODDS / len(families) / len(members) for members in families.values() for n in members}
+    families = {
+        family: [n for n in shown if catalog[n].family == family] for family in {catalog[n].family for n in shown}
+    }
+    odds = {
+        n: (1.0 - NONE_ODDS) / NONE_ODDS / len(families) / len(members)
+        for members in families.values()
+        for n in members
+    }
     return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool), budget or Budget())
 
 
@@ -187,13 +217,21 @@ Known = dict[Effects, Contender]
 """Contenders fitted before: where to start, and what need not be fitted again."""
 
 
-def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: Known, *, also: Known | None = None, afresh: bool = False) -> Known:
+def race(
+    contest: Contest,
+    noise: Noise,
+    hypotheses: Iterable[Effects],
+    known: Known,
+    *,
+    also: Known | None = None,
+    afresh: bool = False,
+) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
-    The influence of what scatters between runs is taken at the most probable that is known. What was fitted under this very noise is not
-    fitted again, but for what was cut off. **Arguments:** ``also``: where forces that depend on motion ended under another noise, as further
-    starts; ``afresh``: begin at the parameters known with motions as measured, too: those that balanced where much was allowed for misfit may
-    lie beyond a wall.
+    The influence of what scatters between runs is taken at the most probable that is known. What was fitted under this
+    very noise is not fitted again, but for what was cut off. **Arguments:** ``also``: where forces that depend on
+    motion ended under another noise, as further starts; ``afresh``: begin at the parameters known with motions as
+    measured, too: those that balanced where much was allowed for misfit may lie beyond a wall.
     """
     further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.timed}
     every = list(dict.fromkeys(hypotheses))
@@ -204,7 +242,9 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
     wanted = [effects for effects in every if effects not in found]
     if not wanted:
         return found
-    reference = max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
+    reference = (
+        max(known.values(), key=lambda c: c.log_evidence).best.point if known else contest.space.given_unknowns()
+    )
     data = contest.data(noise, reference)
     # The smaller sets first: the larger ones begin where those ended.
     for size in sorted({len(effects) for effects in wanted}):
@@ -215,7 +255,13 @@ def race(contest: Contest, noise: Noise, hypotheses: Iterable[Effects], known: K
 
 
 def _fitted(
-    contest: Contest, data: Data, wanted: list[Effects], known: Known, further: Mapping[Effects, tuple[End, ...]], *, afresh: bool
+    contest: Contest,
+    data: Data,
+    wanted: list[Effects],
+    known: Known,
+    further: Mapping[Effects, tuple[End, ...]],
+    *,
+    afresh: bool,
 ) -> dict[Effects, list[End]]:
     """Ends of all descents of each set. **Arguments:** ``further``: where to begin, too."""
     starts, masks, owner = [], [], []
@@ -231,17 +277,28 @@ def _fitted(
 
 
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, *, afresh: bool) -> list[Start]:
-    """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what differs."""
+    """Points to begin with: the optima known, or else those of the nearest known sets with the declared starts of what
+    differs.
+    """
     if effects in known:
         ends = known[effects].ends
         again = [Start(end.point) for end in ends] if afresh and effects & contest.timed else []
         return [Start.at(end) for end in ends] + again
-    near = [(len(effects ^ other), -contender.log_evidence, other) for other, contender in known.items() if len(effects ^ other) <= 2]
-    parents = [known[other] for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if effects & contest.timed else MOST_PARENTS]]
+    near = [
+        (len(effects ^ other), -contender.log_evidence, other)
+        for other, contender in known.items()
+        if len(effects ^ other) <= 2
+    ]
+    parents = [
+        known[other]
+        for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if effects & contest.timed else MOST_PARENTS]
+    ]
     starts: list[Start] = []
     for parent in parents:
         # Where a force is gone that the motion depended on, those that stay have sizes to be found anew.
-        changed = (effects - parent.effects) | (effects & contest.timed if (parent.effects - effects) & contest.timed else frozenset())
+        changed = (effects - parent.effects) | (
+            effects & contest.timed if (parent.effects - effects) & contest.timed else frozenset()
+        )
         new = contest.only_of(changed)
         here = np.where(mask, parent.best.point, contest.space.given_unknowns())
         # A parent's motion is near unless a force, whose size is to be found first, changes it.
@@ -257,12 +314,13 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
 
 
 def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noise) -> Contender:
-    """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else none.
+    """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else
+    none.
 
     Beside the lowest only those count that are at their end: of one given up on the way nobody knows where it leads.
 
-    Laplace: -cost - ½ log det H, H in units of the priors. Where the noise is a misfit of unknown size it is marginalised (Jeffreys
-    prior): -(n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
+    Laplace: -cost - ½ log det H, H in units of the priors. Where the noise is a misfit of unknown size it is
+    marginalised (Jeffreys prior): -(n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
     numbers = contest.independent_numbers if noise.allowance > contest.floor.allowance else None
     distinct = distinct_of(ends)
@@ -276,16 +334,25 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
 
 
 def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -> Contender:
-    """A contender under another noise to first order about where it was fitted. **Arguments:** ``data`` in units of that noise."""
+    """A contender under another noise to first order about where it was fitted. **Arguments:** ``data`` in units of
+    that noise.
+    """
     if not contender.balanced or contender.noise == noise:
         return contender
     old = contest.measurement.weights(contender.noise.allowance)
     ratio = np.divide(data.weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
-    ends = [end._replace(local=Local(end.local.error * ratio, end.local.slopes * ratio[..., None])) for end in contender.ends]
-    return contender_of(contest, contender.effects, [influenced(data, end, contest.training) for end in ends], noise)._replace(foreseen=True)
+    ends = [
+        end._replace(local=Local(end.local.error * ratio, end.local.slopes * ratio[..., None]))
+        for end in contender.ends
+    ]
+    return contender_of(
+        contest, contender.effects, [influenced(data, end, contest.training) for end in ends], noise
+    )._replace(foreseen=True)
 
 
-def anew(contest: Contest, noise: Noise, sets: Iterable[Effects], found: Known, near: Callable[[Contender], bool]) -> list[Effects]:
+def anew(
+    contest: Contest, noise: Noise, sets: Iterable[Effects], found: Known, near: Callable[[Contender], bool]
+) -> list[Effects]:
     """Those of some sets that are to be fitted again under another noise: as what they are to first order is ``near``.
 
     The others are ``found`` to first order from then on. So is none whose noise was much larger.
@@ -312,15 +379,20 @@ class Race(NamedTuple):
 def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise) -> Race:
     """Race hypotheses until the misfit allowed for is what the winner leaves.
 
-    Under the noise that is known, if one holds within that. Else again and again: the noise is common to all, so that the evidence
-    compares what they predict and not how much each may miss. It begins wide and comes down, not below the floor: a wide one lets no
-    hypothesis be dragged into a corner by data that it cannot meet. **Arguments:** ``noise``: where to begin.
+    Under the noise that is known, if one holds within that. Else again and again: the noise is common to all, so that
+    the evidence compares what they predict and not how much each may miss. It begins wide and comes down, not below the
+    floor: a wide one lets no hypothesis be dragged into a corner by data that it cannot meet. **Arguments:** ``noise``:
+    where to begin.
     """
     wanted = list(dict.fromkeys(hypotheses))
     exact: Known = {}
     if contest.measurement.sigma is not None and contest.floor == NO_NOISE:
         # Where nothing can hold, this leads nowhere and would go on for long.
-        left = EXACT_SHARE if contest.budget.limit is None else min(EXACT_SHARE, contest.budget.limit - contest.budget.spent)
+        left = (
+            EXACT_SHARE
+            if contest.budget.limit is None
+            else min(EXACT_SHARE, contest.budget.limit - contest.budget.spent)
+        )
         apart = dataclasses.replace(contest, budget=Budget(left))
         exact = race(apart, contest.floor, wanted, known)
         contest.budget.spent += apart.budget.spent
@@ -367,7 +439,9 @@ def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Nois
         after = noise._replace(allowance=misfit_left(contest, contender))
         if _same(after, noise):
             break
-        contender = race(contest, after, [contender.effects], {contender.effects: contender}, afresh=_falls(after, noise))[contender.effects]
+        contender = race(
+            contest, after, [contender.effects], {contender.effects: contender}, afresh=_falls(after, noise)
+        )[contender.effects]
         noise = after
     return noise, contender
 
@@ -383,10 +457,14 @@ def _same(one: Noise, other: Noise) -> bool:
 def misfit_left(contest: Contest, contender: Contender) -> float:
     """Isotropic misfit that a contender leaves [m]."""
     left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
-    return misfit_of(contest.kept_measurement(), contest.model_at(contender), left, len(contender.best.free), contest.floor)
+    return misfit_of(
+        contest.kept_measurement(), contest.model_at(contender), left, len(contender.best.free), contest.floor
+    )
 
 
 def with_floor(contest: Contest, contender: Contender) -> Contest:
-    """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the rest."""
+    """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the
+    rest.
+    """
     left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
     return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left))

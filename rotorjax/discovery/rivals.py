@@ -60,7 +60,11 @@ def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str
     starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
     null = np.where(own, 0.0, space.given_unknowns())
     training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)
-    best = best_of(descend(space, data, starts_at(np.where(free, starts, null)), free, training, budget=fitted.stage.budget, kept=null))
+    best = best_of(
+        descend(
+            space, data, starts_at(np.where(free, starts, null)), free, training, budget=fitted.stage.budget, kept=null
+        )
+    )
     left = residual_vectors(best.local.error, data)[fitted.stage.measurement.present]
     rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
     return Rival(name, instead, rms, best.cost - fitted.end.cost)

@@ -8,7 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
-from rotorjax.discovery.race import WORTH_TRYING, Contender, Contest, Effects, Known, Race, misfit_left, settle, with_floor
+from rotorjax.discovery.race import (
+    WORTH_TRYING,
+    Contender,
+    Contest,
+    Effects,
+    Known,
+    Race,
+    misfit_left,
+    settle,
+    with_floor,
+)
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 
@@ -64,7 +74,10 @@ def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
     finite = np.where(np.isfinite(logs), logs, -1e300)
     weights = np.exp(finite - finite.max())
     weights /= weights.sum()
-    ranked = [Ranked(next(iter(c.effects - base), "none"), float(p), c.log_evidence, c) for c, p in zip(contenders, weights, strict=True)]
+    ranked = [
+        Ranked(next(iter(c.effects - base), "none"), float(p), c.log_evidence, c)
+        for c, p in zip(contenders, weights, strict=True)
+    ]
     return sorted(ranked, key=lambda r: (-r.probability, -r.log_evidence))
 
 
@@ -76,8 +89,8 @@ def none_left(ranked: Iterable[Ranked]) -> float:
 def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) -> Selection:
     """Add effects one after the other until "none" is probable.
 
-    After each addition all one-for-one swaps and all pairs of the best eight are tried, then effects that are not needed
-    go. **Arguments:** ``most`` effects at most.
+    After each addition all one-for-one swaps and all pairs of the best eight are tried, then effects that are not
+    needed go. **Arguments:** ``most`` effects at most.
     """
     table: Known = {}
     start = settle(contest, [NOTHING], table, _wide(contest))
@@ -127,11 +140,15 @@ def forward(contest: Contest, base: Effects, table: Known, noise: Noise) -> Race
     return settle(contest, hypotheses, table, noise)
 
 
-def _refined(contest: Contest, chosen: Effects, small: Effects, race: Race, table: Known, most: int) -> tuple[Effects, Noise]:
+def _refined(
+    contest: Contest, chosen: Effects, small: Effects, race: Race, table: Known, most: int
+) -> tuple[Effects, Noise]:
     """The best of all one-for-one swaps and all pairs of the best eight, less what is not needed."""
     before = min(race.contenders, key=len)
     best = [r.effect for r in ranking(contest, race, before) if r.effect != "none"][:PAIRED]
-    pool = contest.lean(neighbours(contest.candidates, before, chosen | small, best, kept=small), chosen | small, _near(race))
+    pool = contest.lean(
+        neighbours(contest.candidates, before, chosen | small, best, kept=small), chosen | small, _near(race)
+    )
     found = settle(contest, [effects for effects in pool if len(effects - small) <= most], table, race.noise)
     table.update(found.contenders)
     return _pruned(contest, found.winner, small, table, found.noise)
@@ -143,8 +160,11 @@ def _near(race: Race) -> list[str]:
     return [name for effects, c in race.contenders.items() if c.log_evidence > best - WORTH_TRYING for name in effects]
 
 
-def neighbours(candidates: Iterable[str], before: Effects, chosen: Effects, best: list[str], *, kept: Effects = NOTHING) -> list[Effects]:
-    """A set, all its one-for-one swaps and what it is without each part, and the set before with every pair of the best.
+def neighbours(
+    candidates: Iterable[str], before: Effects, chosen: Effects, best: list[str], *, kept: Effects = NOTHING
+) -> list[Effects]:
+    """A set, all its one-for-one swaps and what it is without each part, and the set before with every pair of the
+    best.
 
     **Arguments:** ``kept``: effects of the set that are not swapped.
     """
@@ -157,14 +177,19 @@ def neighbours(candidates: Iterable[str], before: Effects, chosen: Effects, best
 
 
 def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, noise: Noise) -> tuple[Effects, Noise]:
-    """Less, one after the other, what can be left out at no more than the price of a detection; without the small ones."""
+    """Less, one after the other, what can be left out at no more than the price of a detection;
+    without the small ones.
+    """
     winner = present | small
     while winner - small:
         without = {name: winner - {name} for name in winner - small}
         again = settle(contest, [winner, *without.values()], table, noise)
         table.update(again.contenders)
         noise = again.noise
-        gain = {name: contest.log_posterior(again.contenders[winner]) - contest.log_posterior(again.contenders[rest]) for name, rest in without.items()}
+        gain = {
+            name: contest.log_posterior(again.contenders[winner]) - contest.log_posterior(again.contenders[rest])
+            for name, rest in without.items()
+        }
         least = min(gain, key=lambda name: gain[name])
         if gain[least] > PRICE:
             break
@@ -173,11 +198,18 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
 
 
 def _told(
-    contest: Contest, most: int, present: Effects, small: Effects, table: Known, seen: dict[Effects, Race], later: frozenset[Effects] = frozenset()
+    contest: Contest,
+    most: int,
+    present: Effects,
+    small: Effects,
+    table: Known,
+    seen: dict[Effects, Race],
+    later: frozenset[Effects] = frozenset(),
 ) -> Selection:
     """The story of a set: its effects in the order in which each next one brings the most, with the race at every step.
 
-    What was too small to matter beside less, and matters now, is one of them, as long as there are no more than the ``most``.
+    What was too small to matter beside less, and matters now, is one of them, as long as there are no more than the
+    ``most``.
     **Arguments:** ``later``: sets that the table has from after the races ``seen``.
     """
     whole = table[present | small]
@@ -190,17 +222,25 @@ def _told(
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
-        race = seen[base] if base in seen else forward(contest, base, table, _next_left(contest, base, present, table, noise))
+        race = (
+            seen[base]
+            if base in seen
+            else forward(contest, base, table, _next_left(contest, base, present, table, noise))
+        )
         table.update({effects: c for effects, c in race.contenders.items() if base not in seen or effects not in later})
         races.append(race)
         if done:
             return Selection(contest, tuple(order), tuple(sorted(small)), most, tuple(races), table)
         noise = race.noise
-        order.append(next(r.effect for r in ranking(contest, race, base) if r.effect in present and r.effect not in order))
+        order.append(
+            next(r.effect for r in ranking(contest, race, base) if r.effect in present and r.effect not in order)
+        )
 
 
 def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, noise: Noise) -> Noise:
-    """The misfit that the best of the next effects leaves, as far as they were fitted before: where the noise of their race will end, or near it."""
+    """The misfit that the best of the next effects leaves, as far as they were fitted before: where the noise of their
+    race will end, or near it.
+    """
     known = [table[base | {name}] for name in present - base if base | {name} in table]
     left = [misfit_left(contest, contender) for contender in known if contender.best.exact]
     return noise._replace(allowance=min(left, default=noise.allowance))
@@ -210,7 +250,9 @@ def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
     small = frozenset(selection.small) & present
     seen = {min(race.contenders, key=len): race for race in selection.races}
-    return _told(selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen, frozenset(found))
+    return _told(
+        selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen, frozenset(found)
+    )
 
 
 def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> bool:
@@ -223,14 +265,20 @@ def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> 
 
 
 def noise_size(measurement: Measurement, noise: Noise) -> float:
-    """Root mean square |z| of pure noise over the cells [m]: the table's, the tolerance of the model, and what is added to them."""
+    """Root mean square |z| of pure noise over the cells [m]: the table's, the tolerance of the model, and what is added
+    to them.
+    """
     weight = measurement.weights(noise.allowance)
     return float(np.sqrt(np.sum(1.0 / weight[weight > 0.0] ** 2) / max(1, np.count_nonzero(measurement.present))))
 
 
 def change_by(contest: Contest, contender: Contender, name: str) -> float:
-    """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found without it."""
+    """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found
+    without it.
+    """
     m, best = contest.measurement, contender.best
     without = np.where(contest.only_of([name]), 0.0, best.point)
-    there = predict(contest.space, m.conditions, without, budget=contest.budget, near=(m.conditions, best.motions)).shown
+    there = predict(
+        contest.space, m.conditions, without, budget=contest.budget, near=(m.conditions, best.motions)
+    ).shown
     return float(np.sqrt(np.mean(np.abs((best.shown - there)[m.present]) ** 2)))

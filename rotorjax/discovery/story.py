@@ -1,4 +1,6 @@
-"""The whole of one comparison: the model as declared, effects added one after the other, what fits as well, what is left."""
+"""The whole of one comparison: the model as declared, effects added one after the other, what fits as well, what is
+left.
+"""
 
 import dataclasses
 import functools
@@ -39,7 +41,10 @@ class Story(Reported):
     """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
 
     def __repr__(self) -> str:
-        steps = [("as declared", self.declared.rms), *zip(self.additions, (view.rms for view in self.views[1:]), strict=False)]
+        steps = [
+            ("as declared", self.declared.rms),
+            *zip(self.additions, (view.rms for view in self.views[1:]), strict=False),
+        ]
         return f"Story({', '.join(f'{what}: {rms / MICROMETRE:.3g} µm' for what, rms in steps)})"
 
     @property
@@ -85,7 +90,9 @@ class Story(Reported):
         ]
 
 
-def tell(model: Model, measurement: Measurement, additions: list[Effect], *, fixed: frozenset[str] = frozenset()) -> Story:
+def tell(
+    model: Model, measurement: Measurement, additions: list[Effect], *, fixed: frozenset[str] = frozenset()
+) -> Story:
     """Compare a model as it is; then add effects one after the other, fitting what is not fixed, and compare again.
 
     **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value.
@@ -109,7 +116,8 @@ def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:
 
 
 def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]:
-    """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of them.
+    """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of
+    them.
 
     A force that depends on motion may drive any order, a stop for instance once the rotor reaches it.
     """

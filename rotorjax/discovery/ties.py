@@ -63,7 +63,9 @@ class Ties(NamedTuple):
         return list(groups.values())
 
     def better(self, contest: Contest, most: int) -> Contender | None:
-        """What is more probable than the answer, as it may be where it was fitted only after the search; with ``most`` effects at most."""
+        """What is more probable than the answer, as it may be where it was fitted only after the search; with ``most``
+        effects at most.
+        """
         possible = [t.contender for t in self.tied if len(t.contender.effects) <= max(most, len(self.winner.effects))]
         best = max([self.winner, *possible], key=contest.log_posterior)
         return None if best is self.winner else best
@@ -72,28 +74,44 @@ class Ties(NamedTuple):
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3, or if it fits as well and
-    is behind for the size of its force alone. Whether it then predicts the same, or differs and fits no worse, is told with it. One with more
-    determined parameters that fits no better contains the answer: that is no tie.
+    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3, or
+    if it fits as well and is behind for the size of its force alone. Whether it then predicts the same, or differs and
+    fits no worse, is told with it. One with more determined parameters that fits no better contains the answer: that is
+    no tie.
     """
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)
     winner = found[answer]
-    swaps = {gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer] for gone in selection.effects}
+    swaps = {
+        gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer]
+        for gone in selection.effects
+    }
     _fit_where_open(contest, selection, noise, list(itertools.chain(*swaps.values())), found, winner)
     special = _special_cases(contest, winner)
     found.update(race(contest, noise, list(special), {**selection.known, **found}, also=special))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
-    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR]
+    others = [
+        c
+        for effects, c in found.items()
+        if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR
+    ]
     leads = _leads_elsewhere(contest, noise, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
         gap = winner.log_evidence - other.log_evidence
-        alternative = Alternative(tuple(sorted(gone)), tuple(sorted(instead)), gap, other, _apart(contest, noise, winner.best, other.best))
-        if gap > 0.0 and _determined(other.best) > _determined(winner.best) and abs(other.best.cost - winner.best.cost) < AS_GOOD:
-            if len(instead) <= len(gone) or instead <= set(itertools.chain.from_iterable(catalog[name].relatives for name in gone)):
+        alternative = Alternative(
+            tuple(sorted(gone)), tuple(sorted(instead)), gap, other, _apart(contest, noise, winner.best, other.best)
+        )
+        if (
+            gap > 0.0
+            and _determined(other.best) > _determined(winner.best)
+            and abs(other.best.cost - winner.best.cost) < AS_GOOD
+        ):
+            if len(instead) <= len(gone) or instead <= set(
+                itertools.chain.from_iterable(catalog[name].relatives for name in gone)
+            ):
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
             tied.append(alternative)
@@ -101,9 +119,14 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
 
 
 def _special_cases(contest: Contest, winner: Contender) -> Known:
-    """The winner with effects in the place of those whose special cases they are, a clearance in that of a rub: parameters of the same name have its values."""
+    """The winner with effects in the place of those whose special cases they are, a clearance in that of a rub:
+    parameters of the same name have its values.
+    """
     found: Known = {}
-    entries = {effect: {e.label: e for e in contest.space.entries if e.effect == effect} for effect in (*winner.effects, *contest.candidates)}
+    entries = {
+        effect: {e.label: e for e in contest.space.entries if e.effect == effect}
+        for effect in (*winner.effects, *contest.candidates)
+    }
     for gone in sorted(winner.effects & contest.timed):
         for name in contest.candidates:
             if name in winner.effects or not entries[name].keys() < entries[gone].keys():
@@ -117,11 +140,17 @@ def _special_cases(contest: Contest, winner: Contender) -> Known:
     return found
 
 
-def _fit_where_open(contest: Contest, selection: Selection, noise: Noise, sets: list[Effects], found: Known, winner: Contender) -> None:
-    """Fit sets under the noise of the winner; of those that the search fitted under another only what may do as well, to first order."""
+def _fit_where_open(
+    contest: Contest, selection: Selection, noise: Noise, sets: list[Effects], found: Known, winner: Contender
+) -> None:
+    """Fit sets under the noise of the winner; of those that the search fitted under another only what may do as well,
+    to first order.
+    """
     found.update({h: selection.known[h] for h in sets if h in selection.known})
     near = [h for h in sets if h in found and _near(contest, h, _at_best(contest, found[h], winner), winner)]
-    again = anew(contest, noise, near, found, lambda there: _at_best(contest, there, winner) > winner.log_evidence - NEAR - CLEAR)
+    again = anew(
+        contest, noise, near, found, lambda there: _at_best(contest, there, winner) > winner.log_evidence - NEAR - CLEAR
+    )
     found.update(race(contest, noise, [*again, *(h for h in sets if h not in found)], {**selection.known, **found}))
 
 
@@ -137,7 +166,13 @@ def _near(contest: Contest, effects: Effects, log_evidence: float, winner: Conte
     return log_evidence > winner.log_evidence - WORTH_TRYING
 
 
-def _wider(contest: Contest, selection: Selection, swaps: dict[str, list[Effects]], found: Known, catalog: Mapping[str, type[Effect]]) -> list[Effects]:
+def _wider(
+    contest: Contest,
+    selection: Selection,
+    swaps: dict[str, list[Effects]],
+    found: Known,
+    catalog: Mapping[str, type[Effect]],
+) -> list[Effects]:
     """Pairs in the place of one effect, and one in the place of pairs: chain gain and its parts."""
     answer, wider = selection.present, []
     for gone, others in swaps.items():
@@ -164,18 +199,26 @@ def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:
     m = contest.measurement
     weight = m.weights(noise.allowance)
     here, there = numpy_pair(one.shown), numpy_pair(other.shown)
-    gap = weight * (here - half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders])) * there)
+    gap = weight * (
+        here - half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders])) * there
+    )
     return float(np.sqrt(np.mean(gap[weight > 0.0] ** 2))) if np.any(weight) else 0.0
 
 
 def _determined(end: End) -> int:
     """Directions that the data determine beyond the prior."""
     width = end.prior_width[end.free]
-    return int(np.count_nonzero(np.linalg.eigvalsh(width[:, None] * end.curvature * width) > DETERMINED)) if len(end.free) else 0
+    return (
+        int(np.count_nonzero(np.linalg.eigvalsh(width[:, None] * end.curvature * width) > DETERMINED))
+        if len(end.free)
+        else 0
+    )
 
 
 def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
-    """Those of the others that lead the winner under wider or narrower priors: to first order, fitted where that leaves it open."""
+    """Those of the others that lead the winner under wider or narrower priors: to first order, fitted where that leaves
+    it open.
+    """
     leads: set[Effects] = set()
     every, data = contest.only_of({e.effect for e in contest.space.entries}), contest.data(noise, winner.best.point)
     for factor in SCALES if others else ():
@@ -189,7 +232,9 @@ def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: 
 
 
 def _under(contest: Contest, data: Data, factors: Float[np.ndarray, "param"], contender: Contender) -> Contender:
-    """A contender under prior scales times some factors, to first order about where it was fitted; unknowns in units of those."""
+    """A contender under prior scales times some factors, to first order about where it was fitted; unknowns in units of
+    those.
+    """
     ends = []
     for end in contender.ends:
         by, parts = factors[end.free], _open_sizes(contest, end)
@@ -204,10 +249,14 @@ def _under(contest: Contest, data: Data, factors: Float[np.ndarray, "param"], co
 
 
 def _differs_in_size(contest: Contest, winner: Contender, other: Contender) -> bool:
-    """Whether another set fits as well with no more parameters, and is behind for the size of its force alone: nobody knows that beforehand."""
+    """Whether another set fits as well with no more parameters, and is behind for the size of its force alone: nobody
+    knows that beforehand.
+    """
     sizes = [cost_of_size(c.best.point[c.best.free], _open_sizes(contest, c.best)) for c in (winner, other)]
     gap = winner.log_evidence + sizes[0] - other.log_evidence - sizes[1]
-    fits = other.best.data_cost < winner.best.data_cost + AS_GOOD and _determined(other.best) <= _determined(winner.best)
+    fits = other.best.data_cost < winner.best.data_cost + AS_GOOD and _determined(other.best) <= _determined(
+        winner.best
+    )
     return fits and gap < TIE
 
 
@@ -216,17 +265,30 @@ def _open_sizes(contest: Contest, end: End) -> Float[np.ndarray, "free free"]:
 
 
 def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
-    """Log evidence, with what wider prior scales, or any sizes, would give back of what large values cost it and not the winner."""
+    """Log evidence, with what wider prior scales, or any sizes, would give back of what large values cost it and not
+    the winner.
+    """
 
     def given_back(end: End) -> float:
         unknowns, parts = end.point[end.free], _open_sizes(contest, end)
-        return max(prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost, cost_of_size(unknowns, parts))
+        return max(
+            prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost, cost_of_size(unknowns, parts)
+        )
 
     return other.log_evidence + max(0.0, given_back(other.best) - given_back(winner.best))
 
 
-def _rescaled(contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]) -> tuple[Contest, Known]:
+def _rescaled(
+    contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]
+) -> tuple[Contest, Known]:
     """The contest with the prior scale of every unknown times a factor."""
-    space = dataclasses.replace(contest.space, scale=as_array(np.asarray(contest.space.scale) * factors[np.asarray(contest.space.unknown)]))
-    known = {c.effects: Contender(c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf, c.noise) for c in contenders}
+    space = dataclasses.replace(
+        contest.space, scale=as_array(np.asarray(contest.space.scale) * factors[np.asarray(contest.space.unknown)])
+    )
+    known = {
+        c.effects: Contender(
+            c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf, c.noise
+        )
+        for c in contenders
+    }
     return dataclasses.replace(contest, space=space), known

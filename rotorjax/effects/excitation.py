@@ -64,7 +64,9 @@ class Misalignment(ExcitationEffect):
     sufficient: ClassVar[Plan] = Plan(orders=(1.0, 2.0))
     family: ClassVar[Family] = "excitation"
     meaning: ClassVar[str] = "coupling forces of misaligned shafts, once and twice per turn"
-    source: ClassVar[str] = "Gibbons, 5th Turbomachinery Symp. (1976) 111-116; Sekhar, Prabhu, J. Sound Vib. 185 (1995) 655-671"
+    source: ClassVar[str] = (
+        "Gibbons, 5th Turbomachinery Symp. (1976) 111-116; Sekhar, Prabhu, J. Sound Vib. 185 (1995) 655-671"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
     force_1_x_n: Array = parameter("1X force turning with the shaft, along x", scale=1.0, of="force")
     force_1_y_n: Array = parameter("1X force turning with the shaft, 90° on", scale=1.0, of="force")

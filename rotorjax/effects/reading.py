@@ -33,7 +33,10 @@ class Runout(ReadingEffect):
     name: ClassVar[str] = "runout"
     family: ClassVar[Family] = "reading"
     meaning: ClassVar[str] = "scratches, out-of-round or magnetised probe track: the same at every speed"
-    source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1; Bently, Hatch, Fundamentals of Rotating Machinery Diagnostics, 2002, chapter 6"
+    source: ClassVar[str] = (
+        "API 670, 5th edition, 2014, section 6.1; Bently, Hatch, Fundamentals of Rotating Machinery Diagnostics, 2002, "
+        "chapter 6"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
     real_m: Array = parameter("part in phase with the reference", scale=API_670_RUNOUT, axes=("probe", "order"))
     imaginary_m: Array = parameter("part 90° ahead", scale=API_670_RUNOUT, axes=("probe", "order"))
@@ -64,7 +67,13 @@ class ChainGain(ReadingEffect):
     family: ClassVar[Family] = "reading"
     meaning: ClassVar[str] = "common gain and phase of the measuring chain (filter, amplifier, units)"
     source: ClassVar[str] = "ISO 10817-1:1998, clause 5: amplitude and phase response of the measuring chain"
-    relatives: ClassVar[tuple[str, ...]] = ("probe_gain", "phase_reference_offset", "probe_angle", "time_delay", "residual_bow")
+    relatives: ClassVar[tuple[str, ...]] = (
+        "probe_gain",
+        "phase_reference_offset",
+        "probe_angle",
+        "time_delay",
+        "residual_bow",
+    )
     gain_real: Array = parameter("real part of the relative error", scale=0.1)
     gain_imaginary: Array = parameter("imaginary part of the relative error", scale=0.1)
     starts: ClassVar[tuple[dict[str, float], ...]] = (
@@ -86,7 +95,9 @@ class TimeDelay(ReadingEffect):
     name: ClassVar[str] = "time_delay"
     family: ClassVar[Family] = "reading"
     meaning: ClassVar[str] = "vibration signal arrives late against the phase reference (filter, cable, converter)"
-    source: ClassVar[str] = "Oppenheim, Schafer, Discrete-Time Signal Processing, 3rd edition, 2010, section 2.9 (shift theorem)"
+    source: ClassVar[str] = (
+        "Oppenheim, Schafer, Discrete-Time Signal Processing, 3rd edition, 2010, section 2.9 (shift theorem)"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
     delay_s: Array = parameter("delay τ of the signal", scale=0.1, of="period")
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"delay_s": 10.0}, {"delay_s": -10.0})
@@ -104,7 +115,9 @@ class PhaseReferenceOffset(ReadingEffect):
     source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.2; ISO 21940-2:2017 (phase reference)"
     relatives: ClassVar[tuple[str, ...]] = ("time_delay", "probe_angle", "damping_error")
     angle_rad: Array = parameter("offset φ", scale=0.5)
-    starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"angle_rad": turn * 1.5708} for turn in (0.0, 1.0, -1.0, 2.0, -2.0, 4.0))
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"angle_rad": turn * 1.5708} for turn in (0.0, 1.0, -1.0, 2.0, -2.0, 4.0)
+    )
 
     def reading(self, point: OperatingPoint) -> Reading:
         return Reading(phase=self.angle_rad)

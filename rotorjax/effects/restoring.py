@@ -5,7 +5,16 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model.contract import BALANCE_GRADE, AbstractRotor, Family, Instant, Plan, RestoringEffect, WaveformEffect, parameter
+from rotorjax.model.contract import (
+    BALANCE_GRADE,
+    AbstractRotor,
+    Family,
+    Instant,
+    Plan,
+    RestoringEffect,
+    WaveformEffect,
+    parameter,
+)
 from rotorjax.units import MICROMETRE
 
 AROUND = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))
@@ -26,7 +35,9 @@ def length(pair: Array, smallest: float = TINY) -> Array:
 
 
 def beyond_gap(radius: Array, inverse_gap: Array) -> Array:
-    """max(r - gap, 0), infinite the gap whose inverse is zero; of a place x on an axis and a negative gap min(x - gap, 0)."""
+    """max(r - gap, 0), infinite the gap whose inverse is zero; of a place x on an axis and a negative gap min(x - gap,
+    0).
+    """
     touching = inverse_gap * radius > 1.0
     return jnp.where(touching, radius - 1.0 / jnp.where(touching, inverse_gap, 1.0), 0.0)
 
@@ -52,7 +63,10 @@ def stop_remark(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> s
     sag = float(rotor.mass * jnp.hypot(rotor.gravity[0], rotor.gravity[1]) / jnp.mean(rotor.stiffness))
     if float(stiffness) > 0.0 and float(inverse_gap) * sag > 1.0:
         gap, sag = 1.0 / (float(inverse_gap) * MICROMETRE), sag / MICROMETRE
-        return f"has a gap of {gap:.3g} µm, less than the {sag:.3g} µm by which the weight bends the shaft: the rotor lies in it even at rest"
+        return (
+            f"has a gap of {gap:.3g} µm, less than the {sag:.3g} µm by which the weight bends the shaft: the rotor "
+            "lies in it even at rest"
+        )
     return None
 
 
@@ -89,7 +103,9 @@ class Clearance(RestoringEffect):
     sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("contact stiffness k_c", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
-    starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES)
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES
+    )
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
 
     def force(self, instant: Instant) -> Array:
@@ -107,7 +123,9 @@ class Rub(RestoringEffect):
 
     name: ClassVar[str] = "rub"
     family: ClassVar[Family] = "restoring"
-    meaning: ClassVar[str] = "the rotor touches the stator beyond a gap and is braked by friction, which drives it backward"
+    meaning: ClassVar[str] = (
+        "the rotor touches the stator beyond a gap and is braked by friction, which drives it backward"
+    )
     source: ClassVar[str] = "Muszynska, Rotordynamics, 2005, chapter 5; Choy, Padovan 1987, J. Sound Vib. 113:529-545"
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "cross_coupling")
     sufficient: ClassVar[Plan] = AROUND
@@ -122,7 +140,9 @@ class Rub(RestoringEffect):
     def force(self, instant: Instant) -> Array:
         x, y = instant.position[0], instant.position[1]
         drag = self.friction * instant.rotor.spin
-        return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * jnp.stack([x - drag * y, y + drag * x])
+        return pressed(instant, self.stiffness_n_per_m, self.inverse_gap_per_m) * jnp.stack(
+            [x - drag * y, y + drag * x]
+        )
 
     def objection(self, rotor: AbstractRotor) -> str | None:
         return pull_objection(self.stiffness_n_per_m) or drive_objection(self.friction)
@@ -132,18 +152,29 @@ class Rub(RestoringEffect):
 
 
 class Crack(RestoringEffect):
-    """f = -Δk b(φ) e (e·q), e the crack's direction, turning with the shaft; b = (1 + e·down)/2 breathes with the weight."""
+    """f = -Δk b(φ) e (e·q), e the crack's direction, turning with the shaft; b = (1 + e·down)/2 breathes with the
+    weight.
+    """
 
     name: ClassVar[str] = "crack"
     family: ClassVar[Family] = "restoring"
-    meaning: ClassVar[str] = "a transverse crack that opens below and closes above: less stiff across it, once and twice per turn"
-    source: ClassVar[str] = "Mayes, Davies 1984, J. Vib. Acoust. Stress Reliab. 106(1):139-145; Gasch 1993, J. Sound Vib. 160(2):313-332"
+    meaning: ClassVar[str] = (
+        "a transverse crack that opens below and closes above: less stiff across it, once and twice per turn"
+    )
+    source: ClassVar[str] = (
+        "Mayes, Davies 1984, J. Vib. Acoust. Stress Reliab. 106(1):139-145; Gasch 1993, J. Sound Vib. 160(2):313-332"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("asymmetric_shaft", "residual_bow", "misalignment")
     sufficient: ClassVar[Plan] = ONCE_AND_TWICE
-    loss_x_n_per_m: Array = parameter("loss of stiffness Δk times the cosine of the crack's angle", scale=0.05, of="stiffness")
-    loss_y_n_per_m: Array = parameter("loss of stiffness Δk times the sine of the crack's angle", scale=0.05, of="stiffness")
+    loss_x_n_per_m: Array = parameter(
+        "loss of stiffness Δk times the cosine of the crack's angle", scale=0.05, of="stiffness"
+    )
+    loss_y_n_per_m: Array = parameter(
+        "loss of stiffness Δk times the sine of the crack's angle", scale=0.05, of="stiffness"
+    )
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
-        {"loss_x_n_per_m": 0.3 * x, "loss_y_n_per_m": 0.3 * y} for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+        {"loss_x_n_per_m": 0.3 * x, "loss_y_n_per_m": 0.3 * y}
+        for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
     )
 
     def force(self, instant: Instant) -> Array:
@@ -159,11 +190,15 @@ class Crack(RestoringEffect):
 
 
 class AsymmetricShaft(RestoringEffect):
-    """f = Δk [[cos 2ψ, sin 2ψ], [sin 2ψ, -cos 2ψ]] q, ψ = φ + β: stiffer along β, softer across, turning with the shaft."""
+    """f = Δk [[cos 2ψ, sin 2ψ], [sin 2ψ, -cos 2ψ]] q, ψ = φ + β: stiffer along β, softer across, turning with the
+    shaft.
+    """
 
     name: ClassVar[str] = "asymmetric_shaft"
     family: ClassVar[Family] = "restoring"
-    meaning: ClassVar[str] = "two unequal bending stiffnesses turn with the shaft (keyway, two-pole rotor); weight then excites 2X"
+    meaning: ClassVar[str] = (
+        "two unequal bending stiffnesses turn with the shaft (keyway, two-pole rotor); weight then excites 2X"
+    )
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3"
     relatives: ClassVar[tuple[str, ...]] = ("crack", "misalignment")
     sufficient: ClassVar[Plan] = ONCE_AND_TWICE
@@ -200,7 +235,9 @@ class CoulombFriction(RestoringEffect):
     name: ClassVar[str] = "coulomb_friction"
     family: ClassVar[Family] = "restoring"
     meaning: ClassVar[str] = "dry friction in seats, dampers or couplings: the smaller the vibration, the more it damps"
-    source: ClassVar[str] = "Rao, Mechanical Vibrations, section 3.9; regularised: Andersson et al. 2007, Tribol. Int. 40:580-587"
+    source: ClassVar[str] = (
+        "Rao, Mechanical Vibrations, section 3.9; regularised: Andersson et al. 2007, Tribol. Int. 40:580-587"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("damping_error", "quadratic_damping")
     sufficient: ClassVar[Plan] = AROUND
     force_n: Array = parameter("friction force F_c", scale=0.2, of="force")

@@ -7,10 +7,21 @@ import numpy as np
 from jax import Array
 
 from rotorjax.arrays import diagonal
-from rotorjax.model.contract import AbstractRotor, Family, Matrices, MatrixEffect, OperatingPoint, Support, SupportEffect, parameter
+from rotorjax.model.contract import (
+    AbstractRotor,
+    Family,
+    Matrices,
+    MatrixEffect,
+    OperatingPoint,
+    Support,
+    SupportEffect,
+    parameter,
+)
 
 FOUNDATION_DAMPING_RATIO = 0.05
-"""Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al., Rotordynamik, 2006)."""
+"""Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al.,
+Rotordynamik, 2006).
+"""
 
 
 def either_side(name: str) -> tuple[dict[str, float], ...]:
@@ -100,7 +111,9 @@ class CrossCoupling(MatrixEffect):
     name: ClassVar[str] = "cross_coupling"
     family: ClassVar[Family] = "structure"
     meaning: ClassVar[str] = "seal, impeller or bearing force across the motion; drives forward whirl"
-    source: ClassVar[str] = "Alford, J. Eng. Power 87 (1965) 333-334; Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 1"
+    source: ClassVar[str] = (
+        "Alford, J. Eng. Power 87 (1965) 333-334; Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 1"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("damping_error", "internal_damping")
     cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
     starts: ClassVar[tuple[dict[str, float], ...]] = either_side("cross_stiffness_n_per_m")
@@ -122,7 +135,9 @@ class SpeedDependentStiffness(MatrixEffect):
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = (point.speed / point.rotor.natural_frequency()) ** 2
-        return Matrices(path_stiffness=growth * diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
+        return Matrices(
+            path_stiffness=growth * diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness)
+        )
 
 
 class InternalDamping(MatrixEffect):
@@ -131,7 +146,9 @@ class InternalDamping(MatrixEffect):
     name: ClassVar[str] = "internal_damping"
     family: ClassVar[Family] = "structure"
     meaning: ClassVar[str] = "friction inside shaft, fits or couplings, turning with the rotor"
-    source: ClassVar[str] = "Kimball, Gen. Electr. Rev. 27 (1924) 244-251; Genta, Dynamics of Rotating Systems, 2005, section 2.5"
+    source: ClassVar[str] = (
+        "Kimball, Gen. Electr. Rev. 27 (1924) 244-251; Genta, Dynamics of Rotating Systems, 2005, section 2.5"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("cross_coupling", "damping_error")
     damping_n_s_per_m: Array = parameter("rotating damping c_r", scale=1.0, of="damping")
     starts: ClassVar[tuple[dict[str, float], ...]] = either_side("damping_n_s_per_m")
@@ -170,7 +187,9 @@ class Foundation(SupportEffect):
     compliance_m_per_n: Array = parameter("static compliance 1/k_f, equal along x and y", scale=0.1, of="compliance")
     log_frequency: Array = parameter("ln of foundation over rotor natural frequency", scale=0.7)
     log_damping: Array = parameter("ln of foundation damping ratio over 0.05", scale=1.0)
-    starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"compliance_m_per_n": 0.3, "log_frequency": frequency} for frequency in (-1.5, -0.5, 0.0, 0.5, 1.5))
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"compliance_m_per_n": 0.3, "log_frequency": frequency} for frequency in (-1.5, -0.5, 0.0, 0.5, 1.5)
+    )
 
     def support(self, point: OperatingPoint) -> Support:
         own = point.rotor.natural_frequency() * jnp.exp(self.log_frequency)

@@ -46,7 +46,9 @@ def size(value: Array) -> Array:
 
 
 class AxisForce(Effect):
-    """A force along one axis. The texts of a shape say {a} for the axis and {rate} for the velocity along it: see `along`."""
+    """A force along one axis. The texts of a shape say {a} for the axis and {rate} for the velocity along it: see
+    `along`.
+    """
 
     words: ClassVar[str]
     """What people call it, in a few words."""
@@ -96,7 +98,9 @@ class Square(AxisForce, RestoringEffect):
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "clearance")
     sufficient: ClassVar[Plan] = AROUND
     alike: ClassVar[tuple[str, ...]] = ("term_cubic_{a}", "term_unsymmetrical_{a}")
-    growth_per_m: Array = parameter("growth of stiffness κ with displacement, relative to the mean stiffness", scale=0.03, of="curvature")
+    growth_per_m: Array = parameter(
+        "growth of stiffness κ with displacement, relative to the mean stiffness", scale=0.03, of="curvature"
+    )
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"growth_per_m": 0.3}, {"growth_per_m": -0.3})
 
     def force(self, instant: Instant) -> Array:
@@ -111,13 +115,18 @@ class DeadBand(AxisForce, RestoringEffect):
     family: ClassVar[Family] = "restoring"
     meaning: ClassVar[str] = "a stop along {a} on either side, reached at the end of a gap"
     words: ClassVar[str] = "dead band along {a}"
-    source: ClassVar[str] = "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 2.3; Ehrich, Handbook of Rotordynamics, 1992, section 1.8"
+    source: ClassVar[str] = (
+        "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 2.3; Ehrich, Handbook of Rotordynamics, 1992, "
+        "section 1.8"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "rub", "duffing")
     sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
     alike: ClassVar[tuple[str, ...]] = ("term_one_sided_stop_{a}",)
-    starts: ClassVar[tuple[dict[str, float], ...]] = tuple({"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES)
+    starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES
+    )
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_gap_per_m",)
 
     def objection(self, rotor: AbstractRotor) -> str | None:
@@ -129,18 +138,26 @@ class DeadBand(AxisForce, RestoringEffect):
 
 
 class OneSidedStop(AxisForce, RestoringEffect):
-    """k max({a} - gap, 0) along {a}, or k min({a} - gap, 0) for a negative gap: a stop on one side, with nothing opposite."""
+    """k max({a} - gap, 0) along {a}, or k min({a} - gap, 0) for a negative gap: a stop on one side, with nothing
+    opposite.
+    """
 
     name: ClassVar[str] = "term_one_sided_stop_{a}"
     family: ClassVar[Family] = "restoring"
-    meaning: ClassVar[str] = "a stop along {a} on one side only, reached at the end of a gap: a partial rub without friction"
+    meaning: ClassVar[str] = (
+        "a stop along {a} on one side only, reached at the end of a gap: a partial rub without friction"
+    )
     words: ClassVar[str] = "stop on one side along {a}"
-    source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Muszynska, Rotordynamics, 2005, chapter 5"
+    source: ClassVar[str] = (
+        "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Muszynska, Rotordynamics, 2005, chapter 5"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "rub")
     sufficient: ClassVar[Plan] = AROUND
     alike: ClassVar[tuple[str, ...]] = ("term_dead_band_{a}",)
     stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
-    inverse_gap_per_m: Array = parameter("one over the gap, negative where the stop is on the negative side", scale=0.2, of="curvature")
+    inverse_gap_per_m: Array = parameter(
+        "one over the gap, negative where the stop is on the negative side", scale=0.2, of="curvature"
+    )
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": side / share} for share in GAP_SHARES for side in (1.0, -1.0)
     )
@@ -160,15 +177,24 @@ class Unsymmetrical(AxisForce, RestoringEffect):
 
     name: ClassVar[str] = "term_unsymmetrical_{a}"
     family: ClassVar[Family] = "restoring"
-    meaning: ClassVar[str] = "a spring along {a} that is stiffer on one side than on the other, by the square of displacement"
+    meaning: ClassVar[str] = (
+        "a spring along {a} that is stiffer on one side than on the other, by the square of displacement"
+    )
     words: ClassVar[str] = "square of {a}, stiffer on one side"
     source: ClassVar[str] = "Ishida, Yamamoto, Linear and Nonlinear Rotordynamics, 2nd edition, 2012, section 6.2"
     relatives: ClassVar[tuple[str, ...]] = ("duffing", "stiffness_error")
     sufficient: ClassVar[Plan] = TWICE
     alike: ClassVar[tuple[str, ...]] = ("term_cubic_{a}",)
-    growth_per_m: Array = parameter("growth of stiffness κ with displacement to one side, relative to the mean stiffness", scale=0.03, of="curvature")
+    growth_per_m: Array = parameter(
+        "growth of stiffness κ with displacement to one side, relative to the mean stiffness",
+        scale=0.03,
+        of="curvature",
+    )
     # At 1X it acts by its square only, so that nothing leads away from zero.
-    starts: ClassVar[tuple[dict[str, float], ...]] = ({}, *({"growth_per_m": side * share} for share in (0.1, 0.3, 1.0) for side in (1.0, -1.0)))
+    starts: ClassVar[tuple[dict[str, float], ...]] = (
+        {},
+        *({"growth_per_m": side * share} for share in (0.1, 0.3, 1.0) for side in (1.0, -1.0)),
+    )
     over_amplitude: ClassVar[tuple[str, ...]] = ("growth_per_m",)
 
     def force(self, instant: Instant) -> Array:
@@ -193,13 +219,17 @@ class AxisQuadraticDamping(AxisForce, RestoringEffect):
 
 
 class AxisDryFriction(AxisForce, RestoringEffect):
-    """F {rate}/sqrt({rate}² + v²) along {a}, v = 6.3e-5 m/s: dry friction, its change of sign spread over a small speed."""
+    """F {rate}/sqrt({rate}² + v²) along {a}, v = 6.3e-5 m/s: dry friction, its change of sign spread over a small
+    speed.
+    """
 
     name: ClassVar[str] = "term_dry_friction_{a}"
     family: ClassVar[Family] = "restoring"
     meaning: ClassVar[str] = "dry friction along {a}: the smaller the vibration, the more it damps"
     words: ClassVar[str] = "dry friction along {a}"
-    source: ClassVar[str] = "Rao, Mechanical Vibrations, 5th edition, 2011, section 3.9; Andersson et al. 2007, Tribol. Int. 40:580-587"
+    source: ClassVar[str] = (
+        "Rao, Mechanical Vibrations, 5th edition, 2011, section 3.9; Andersson et al. 2007, Tribol. Int. 40:580-587"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("coulomb_friction", "damping_error")
     sufficient: ClassVar[Plan] = AROUND
     force_n: Array = parameter("friction force F", scale=0.2, of="force")
@@ -216,7 +246,9 @@ class TurningStiffness(AxisForce, RestoringEffect):
     family: ClassVar[Family] = "restoring"
     meaning: ClassVar[str] = "stiffness along {a} that pulsates twice per turn"
     words: ClassVar[str] = "stiffness along {a} that pulsates twice per turn"
-    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3; Nayfeh, Mook 1979, section 5.1"
+    source: ClassVar[str] = (
+        "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3; Nayfeh, Mook 1979, section 5.1"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("asymmetric_shaft", "crack")
     sufficient: ClassVar[Plan] = TWICE
     cosine_n_per_m: Array = parameter("amplitude of the stiffness in phase with cos 2φ", scale=0.02, of="stiffness")
@@ -251,7 +283,9 @@ class Pulsating(AxisForce, ExcitationEffect):
     family: ClassVar[Family] = "excitation"
     meaning: ClassVar[str] = "a force along {a}, fixed in direction, that pulsates once per turn"
     words: ClassVar[str] = "constant direction along {a}, once per turn"
-    source: ClassVar[str] = "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Genta, Dynamics of Rotating Systems, 2005, section 2.3"
+    source: ClassVar[str] = (
+        "Ehrich, Handbook of Rotordynamics, 1992, section 1.8; Genta, Dynamics of Rotating Systems, 2005, section 2.3"
+    )
     relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "misalignment")
     sufficient: ClassVar[Plan] = Plan()
     cosine_n: Array = parameter("amplitude in phase with cos φ", scale=1.0, of="force")
@@ -300,13 +334,27 @@ def along(axis: int, shape: type[AxisForce]) -> type[AxisForce]:
     return Along
 
 
-_SHAPES = (Cubic, Square, Unsymmetrical, DeadBand, OneSidedStop, AxisQuadraticDamping, AxisDryFriction, TurningStiffness, Steady, Pulsating, PulsatingTwice)
+_SHAPES = (
+    Cubic,
+    Square,
+    Unsymmetrical,
+    DeadBand,
+    OneSidedStop,
+    AxisQuadraticDamping,
+    AxisDryFriction,
+    TurningStiffness,
+    Steady,
+    Pulsating,
+    PulsatingTwice,
+)
 _CLASSES = tuple(along(axis, shape) for shape in _SHAPES for axis in (0, 1))
 # Pickle finds a class by its name in the module.
 globals().update({cls.__name__: cls for cls in _CLASSES})
 
 TERMS: MappingProxyType[str, type[AxisForce]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
-"""Term name -> class. What the catalogue has radially (duffing, clearance, quadratic damping, friction) is not repeated."""
+"""Term name -> class. What the catalogue has radially (duffing, clearance, quadratic damping, friction) is not
+repeated.
+"""
 
 NAMED: MappingProxyType[str, type[Effect]] = MappingProxyType({**CATALOG, **TERMS})
 """All that a rig file or a command may name: the catalogue, and these terms."""
@@ -372,10 +420,16 @@ def with_gap(term: str, plain: str, inverse_gap: float) -> str:
 
 
 def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Reach) -> Iterator[Shape]:
-    """Forces to try: effects that enter linearly, one axis at a time where the axes are apart, and a scan of gaps and crack angles."""
+    """Forces to try: effects that enter linearly, one axis at a time where the axes are apart, and a scan of gaps and
+    crack angles.
+    """
     for name, cls in catalog.items():
         hooks = issubclass(cls, ExcitationEffect | MatrixEffect | RestoringEffect)
-        if not hooks or issubclass(cls, SupportEffect | SpeedEffect | ReadingEffect) or any(p.axes for p in cls.parameters()):
+        if (
+            not hooks
+            or issubclass(cls, SupportEffect | SpeedEffect | ReadingEffect)
+            or any(p.axes for p in cls.parameters())
+        ):
             continue
         scale = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters()}
         if GAP in cls.over_amplitude:
@@ -392,7 +446,9 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
 
 
 def beyond(cls: type[Effect], rotor: AbstractRotor, reach: Reach, share: float) -> Shape:
-    """A force beyond a gap that is this share of the largest displacement, along the term's axis or radially; negative: on the negative side."""
+    """A force beyond a gap that is this share of the largest displacement, along the term's axis or radially; negative:
+    on the negative side.
+    """
     largest = reach[cls().axis()] if issubclass(cls, AxisForce) else reach.radius
     held = {GAP: 1.0 / (share * largest)} | ({"friction": RUB_FRICTION} if cls.name == "rub" else {})
     free = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters() if p.name not in held}

@@ -52,15 +52,17 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     at = measurement.conditions
     return Data(
         np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), numpy_pair(measurement.vectors), weight,
-        np.array([is_half_order(order) for order in measurement.orders]), measurement.run, scatter, len(measurement.runs),
+        np.array([is_half_order(order) for order in measurement.orders]), measurement.run, scatter,
+        len(measurement.runs),
     )  # fmt: skip
 
 
 def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float) -> Float[np.ndarray, "start param"]:
-    """Where to begin: the values given, every start that a free effect declares, then combinations, at most `MOST_STARTS`.
+    """Where to begin: the values given, every start that a free effect declares, then combinations, at most
+    `MOST_STARTS`.
 
-    **Arguments:** ``reach``: largest displacement measured [m], where starts are relative to it; the sag under the weight comes on top where
-    order 0 was not measured.
+    **Arguments:** ``reach``: largest displacement measured [m], where starts are relative to it; the sag under the
+    weight comes on top where order 0 was not measured.
     """
     names = {e.effect for e in space.entries if free[e.unknown]}
     if 0.0 not in space.model.layout.orders:
@@ -71,7 +73,12 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
         if effect.name in names:
             entries = {e.parameter: e for e in space.entries if e.effect == effect.name}
             unit = {name: 1.0 / (reach * entries[name].scale) for name in type(effect).over_amplitude}
-            options.append([{entries[name].unknown: value * unit.get(name, 1.0) for name, value in start.items()} for start in type(effect).starts])
+            options.append(
+                [
+                    {entries[name].unknown: value * unit.get(name, 1.0) for name, value in start.items()}
+                    for start in type(effect).starts
+                ]
+            )
     first = [chosen[0] for chosen in options]
     singly = [[*first[:k], other, *first[k + 1 :]] for k, chosen in enumerate(options) for other in chosen[1:]]
     given = np.where(free, space.given_unknowns(), 0.0)
@@ -87,7 +94,9 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
     return np.stack(starts)
 
 
-def make_folds(measurement: Measurement, information: Float[np.ndarray, "case param param"]) -> tuple[Bool[np.ndarray, "fold case"], str]:
+def make_folds(
+    measurement: Measurement, information: Float[np.ndarray, "case param param"]
+) -> tuple[Bool[np.ndarray, "fold case"], str]:
     """Cases to leave out together: whole runs if there are enough of them, else groups of speeds.
 
     A split is honest only if every training fold determines all that the whole data determine: leaving out the one run
@@ -104,7 +113,10 @@ def make_folds(measurement: Measurement, information: Float[np.ndarray, "case pa
                 return folds, ""
     runs = "1 run" if len(measurement.runs) == 1 else f"{len(measurement.runs)} runs"
     at = "1 speed" if len(speeds) == 1 else f"{len(speeds)} speeds"
-    reason = f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take four runs or three speeds that each show all"
+    reason = (
+        f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take four runs or three "
+        "speeds that each show all"
+    )
     return np.zeros((0, len(measurement.run)), bool), reason
 
 

@@ -1,8 +1,9 @@
-"""Least squares for motion and parameters together, from many starts, on many subsets of the cases: Levenberg-Marquardt.
+"""Least squares for motion and parameters together, from many starts, on many subsets of the cases:
+Levenberg-Marquardt.
 
-Where forces depend on motion a descent begins with the motion that was measured, which need not balance, and the balance is enforced
-more and more strictly as it goes on (`rotorjax.inference.linearised`). No equation of motion is solved on the way, so that none can
-fail; at the end the balance is exact, or the cases are named in which it is not.
+Where forces depend on motion a descent begins with the motion that was measured, which need not balance, and the
+balance is enforced more and more strictly as it goes on (`rotorjax.inference.linearised`). No equation of motion is
+solved on the way, so that none can fail; at the end the balance is exact, or the cases are named in which it is not.
 """
 
 import dataclasses
@@ -43,7 +44,9 @@ class End(NamedTuple):
     free: Int[np.ndarray, "free"]
     """The unknowns that were free."""
     curvature: Float[np.ndarray, "free free"]
-    """Hessian of the cost by those; of large sizes that are left open, the prior's weight in the place of its second derivative."""
+    """Hessian of the cost by those; of large sizes that are left open, the prior's weight in the place of its second
+    derivative.
+    """
     prior: Prior
     """The prior there, of the unknowns that were free."""
     local: Local
@@ -110,17 +113,25 @@ def descend(  # noqa: PLR0913
 ) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
 
-    Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual of each; without
-    it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each start is linearised once and left at
-    that. A trial whose numbers overflow is not taken. Where no descent of a fit comes to motions that balance, the lowest begins again: with
-    motions as measured if they were known, then at the best strength of a scan (`rotorjax.inference.scan`). ``hopeless``: cost with which
-    a descent does not go on. **Returns** one `End` per start.
+    Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual
+    of each; without it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each
+    start is linearised once and left at that. A trial whose numbers overflow is not taken. Where no descent of a fit
+    comes to motions that balance, the lowest begins again: with motions as measured if they were known, then at the
+    best strength of a scan (`rotorjax.inference.scan`). ``hopeless``: cost with which a descent does not go on.
+    **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
     free = np.broadcast_to(free, (len(starts), len(starts[0].point)))
-    points = np.where(free, np.stack([start.point for start in starts]), space.given_unknowns() if kept is None else kept)
-    tasks = [Task(np.flatnonzero(own), np.asarray(training[k], bool), None if shift is None else shift[k]) for k, own in enumerate(free)]
-    running = _run(lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless)
+    points = np.where(
+        free, np.stack([start.point for start in starts]), space.given_unknowns() if kept is None else kept
+    )
+    tasks = [
+        Task(np.flatnonzero(own), np.asarray(training[k], bool), None if shift is None else shift[k])
+        for k, own in enumerate(free)
+    ]
+    running = _run(
+        lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless
+    )
     if shift is None:
         for begin in (_as_measured, _scanned):
             lost = _lost(running)
@@ -129,20 +140,31 @@ def descend(  # noqa: PLR0913
                     running[k].result = CUT_OFF
                 break
             anew = {k: start for k in lost if (start := begin(running[k])) is not None}
-            for k, one in zip(anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], manner, hopeless), strict=True):
+            for k, one in zip(
+                anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], manner, hopeless), strict=True
+            ):
                 running[k] = min(running[k], one, key=lambda d: (not d.settled, d.cost))
     return [d.end() for d in running]
 
 
-def _run(lin: Linearisation, starts: list[Start], tasks: "list[Task]", manner: Manner, hopeless: float) -> "list[_Descent]":
+def _run(
+    lin: Linearisation, starts: list[Start], tasks: "list[Task]", manner: Manner, hopeless: float
+) -> "list[_Descent]":
     """All descents to their ends, or until the budget is spent."""
-    timed = [lin.timed(start.point, np.isin(np.arange(len(start.point)), task.free)) for start, task in zip(starts, tasks, strict=True)]
+    timed = [
+        lin.timed(start.point, np.isin(np.arange(len(start.point)), task.free))
+        for start, task in zip(starts, tasks, strict=True)
+    ]
     known = [start.motions is not None for start in starts]
-    fresh = first_motions(lin, [start.point for start, orders, near in zip(starts, timed, known, strict=True) if orders and not near])
+    fresh = first_motions(
+        lin, [start.point for start, orders, near in zip(starts, timed, known, strict=True) if orders and not near]
+    )
     running = []
     for k, (start, task) in enumerate(zip(starts, tasks, strict=True)):
         motions = start.motions if known[k] else fresh.pop(0) if timed[k] else None
-        running.append(_Descent(lin, task, manner, Point(start.point, motions if timed[k] else None, known[k]), known=known[k]))
+        running.append(
+            _Descent(lin, task, manner, Point(start.point, motions if timed[k] else None, known[k]), known=known[k])
+        )
     while going := [d for d in running if not d.done]:
         if lin.budget.exhausted and all(d.here is not None for d in going):
             for one in going:
@@ -177,9 +199,15 @@ def _scanned(one: "_Descent") -> Start | None:
 
 
 def _linearised(lin: Linearisation, going: "list[_Descent]") -> list[Linearised]:
-    """The trials linearised; those whose motions have no freedom any more at motions that balance, as far as these are found."""
+    """The trials linearised; those whose motions have no freedom any more at motions that balance, as far as these are
+    found.
+    """
     found = lin.at([d.trial for d in going], [d.task.free for d in going])
-    astray = [k for k, one in enumerate(found) if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > BALANCED)]
+    astray = [
+        k
+        for k, one in enumerate(found)
+        if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > BALANCED)
+    ]
     if astray:
         trials, cases = balanced(lin, [found[k] for k in astray], BALANCED)
         again = lin.timed_at(trials, [going[k].task.free for k in astray], cases)
@@ -250,7 +278,9 @@ class _Descent:
         return self.freedom == 0.0 and self.since >= self.manner.patience
 
     def promises_no_less_than(self, cost: float) -> bool:
-        """Whether even a step without damping promises no cost of the data below one: near balance it promises too much, as a rule."""
+        """Whether even a step without damping promises no cost of the data below one: near balance it promises too
+        much, as a rule.
+        """
         return self.settled and self.patient and self.foreseen > cost
 
     def give_up(self, hopeless: bool) -> None:
@@ -261,7 +291,11 @@ class _Descent:
         """Whether it comes to where another is."""
         if other.normal is None or not other.settled:
             return False
-        gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] if self.here and other.here else np.ones(1)
+        gap = (
+            (self.here.point.unknowns - other.here.point.unknowns)[self.task.free]
+            if self.here and other.here
+            else np.ones(1)
+        )
         return bool(gap @ (other.normal.hessian + np.diag(other.prior.weight)) @ gap < 1.0)
 
     def _off(self) -> float:
@@ -349,7 +383,9 @@ class _Descent:
             self.result, self.done = CONVERGED, True
 
     def _give_in(self, balanced: bool) -> None:
-        """Where no step is better: less freedom of the motions, or more orders if those so far are balanced, or the end."""
+        """Where no step is better: less freedom of the motions, or more orders if those so far are balanced, or the
+        end.
+        """
         assert self.here is not None
         self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
         if self.freedom > 0.0:
@@ -375,7 +411,9 @@ class _Descent:
             downhill = scale * gradient
             full = -scale * np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill)
             decrement = -0.5 * float(gradient @ full)
-            self.foreseen = float(self.normal.cost + self.normal.gradient @ full + 0.5 * full @ self.normal.hessian @ full)
+            self.foreseen = float(
+                self.normal.cost + self.normal.gradient @ full + 0.5 * full @ self.normal.hessian @ full
+            )
             step = -scale * np.linalg.solve(scaled + self.damping * np.eye(len(free)), downhill)
             self.promised = float(-gradient @ step - 0.5 * step @ hessian @ step)
         unknowns[free] += step
@@ -390,7 +428,9 @@ class _Descent:
         assert self.here is not None
         size = np.linalg.norm(np.asarray(self.here.point.motions).reshape(len(change), -1), axis=1)
         most = self.cap * np.maximum(size, 0.1 * self._reach())
-        return self.lin.moved(self.here, change * np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None])
+        return self.lin.moved(
+            self.here, change * np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None]
+        )
 
     def end(self) -> End:
         """Where it is now."""
@@ -400,15 +440,31 @@ class _Descent:
         lin, here, free = self.lin, self.here, self.task.free
         if here is None or not math.isfinite(self.cost):
             shape = lin.data.pairs.shape
-            nothing = Local(np.full((lin.cases, math.prod(shape[1:])), np.nan), np.zeros((lin.cases, math.prod(shape[1:]), len(free))))
+            nothing = Local(
+                np.full((lin.cases, math.prod(shape[1:])), np.nan),
+                np.zeros((lin.cases, math.prod(shape[1:]), len(free))),
+            )
             shown, prior = np.full(shape[:-1], np.nan + 0j), Prior(0.0, np.ones(len(free)))
-            return End(self.trial.unknowns, math.inf, free, np.eye(len(free)), prior, nothing, shown, None, self.steps, NOT_FINITE, False)
+            return End(
+                self.trial.unknowns,
+                math.inf,
+                free,
+                np.eye(len(free)),
+                prior,
+                nothing,
+                shown,
+                None,
+                self.steps,
+                NOT_FINITE,
+                False,
+            )
         normal = self.normal if self.freedom == 0.0 and self.normal else Normal(lin, here, self.task, 0.0)
         curvature = normal.hessian + np.diag(self.prior.weight)
         error = here.error if self.task.shift is None else here.error + self.task.shift
         exact = not self.timed or (self._off() < BALANCED and here.point.refined)
         return End(
-            here.point.unknowns, normal.cost + self.prior.cost, free, curvature, self.prior, Local(error, here.slopes), lin.vectors(here.shown),
+            here.point.unknowns, normal.cost + self.prior.cost, free, curvature, self.prior, Local(error, here.slopes),
+            lin.vectors(here.shown),
             here.point.motions, self.steps, self.result, exact,
         )  # fmt: skip
 

@@ -1,4 +1,6 @@
-"""Unbalance and bow as one fault (U_x, U_y, s_x, s_y) on the disk: what was installed, and what the rotor answers to it."""
+"""Unbalance and bow as one fault (U_x, U_y, s_x, s_y) on the disk: what was installed, and what the rotor answers to
+it.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,11 +18,15 @@ from rotorjax.physics.steady_state import is_timed
 
 
 def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:
-    """Derivative of real and imaginary parts by (U_x, U_y, s_x, s_y) on the disk [m per kg m, m per m], of the model without forces that depend on motion."""
+    """Derivative of real and imaginary parts by (U_x, U_y, s_x, s_y) on the disk [m per kg m, m per m], of the model
+    without forces that depend on motion.
+    """
     return LinearRotor(model).sensitivity(conditions)
 
 
-def response_to(model: Model, conditions: Conditions, faults: Float[np.ndarray, "case 4"]) -> Complex[np.ndarray, "case probe order"]:
+def response_to(
+    model: Model, conditions: Conditions, faults: Float[np.ndarray, "case 4"]
+) -> Complex[np.ndarray, "case probe order"]:
     """The response with these faults (U_x, U_y, s_x, s_y) on the disk instead of what is installed."""
     spread = np.zeros(conditions.unbalance.shape)
     spread[:, 0] = faults[:, :2]
@@ -30,13 +36,17 @@ def response_to(model: Model, conditions: Conditions, faults: Float[np.ndarray, 
 
 
 def installed_faults(model: Model, measurement: Measurement) -> Float[np.ndarray, "run 4"]:
-    """What was installed in each run as one fault (U_x, U_y, s_x, s_y) on the disk, the planes' participation counted."""
+    """What was installed in each run as one fault (U_x, U_y, s_x, s_y) on the disk, the planes'
+    participation counted.
+    """
     participation = np.asarray(model.participation).copy()
     if (error := model.find(PlaneParticipation.name)) is not None:
         participation[1:] *= 1.0 + np.asarray(error.values()[0])
     first = [int(np.argmax(measurement.run == run)) for run in range(len(measurement.runs))]
     unbalance = np.asarray(measurement.conditions.unbalance)[first]
-    return np.concatenate([np.sum(unbalance * participation[:, None], axis=1), np.asarray(measurement.conditions.bow)[first]], axis=1)
+    return np.concatenate(
+        [np.sum(unbalance * participation[:, None], axis=1), np.asarray(measurement.conditions.bow)[first]], axis=1
+    )
 
 
 def polar_covariance(pair: Float[np.ndarray, "dof"], relative: float, angle: float) -> Float[np.ndarray, "dof dof"]:

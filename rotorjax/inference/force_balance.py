@@ -1,6 +1,7 @@
 """The balance of forces of a rotor along given motions, at many values of all that may act on it.
 
-One program serves every model, measurement and number of terms: its shape depends on the orders that are balanced and on the number of planes.
+One program serves every model, measurement and number of terms: its shape depends on the orders that are balanced and
+on the number of planes.
 """
 
 import dataclasses
@@ -44,14 +45,18 @@ class ForceBalance:
     def __init__(self, model: Model) -> None:
         grid = make_grid(model.layout.orders)
         own = [e for e in model.effects if not isinstance(e, ReadingEffect | WaveformEffect)]
-        classes = {name: cls for name, cls in (CATALOG | TERMS).items() if not issubclass(cls, ReadingEffect | WaveformEffect)}
+        classes = {
+            name: cls for name, cls in (CATALOG | TERMS).items() if not issubclass(cls, ReadingEffect | WaveformEffect)
+        }
         bare = dataclasses.replace(model, effects=tuple(own), slow_roll=None)
         full = with_company(bare.with_orders(grid.orders), classes, classes)
         self.index = {label: k for k, label in enumerate(labels_of(full))}
         """Effect and label of every value."""
         self.values = values_of(full)
         """Of the model."""
-        blind = dataclasses.replace(full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=full.layout._replace(probes=()))
+        blind = dataclasses.replace(
+            full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=full.layout._replace(probes=())
+        )
         self._balance = compiled(_balance, nameless(blind), full, CHUNK)
 
     def at(
@@ -61,18 +66,26 @@ class ForceBalance:
         motion: Float[np.ndarray, "case dof coefficient"],
         measured: Int[np.ndarray, "_"],
     ) -> Balances:
-        """Along a motion at every case. **Arguments:** ``measured``: the coefficients whose equations count, and by which derivatives are taken."""
+        """Along a motion at every case. **Arguments:** ``measured``: the coefficients whose equations count, and by
+        which derivatives are taken.
+        """
         cases = np.tile(np.arange(len(motion)), len(values))
         each = (np.asarray(leaf)[cases] for leaf in (conditions.speed, conditions.unbalance, conditions.bow))
-        lacking_x, lacking_y, *dynamic, force, by_motion = self._balance(np.repeat(values, len(motion), axis=0), *each, motion[cases])
+        lacking_x, lacking_y, *dynamic, force, by_motion = self._balance(
+            np.repeat(values, len(motion), axis=0), *each, motion[cases]
+        )
         add_dynamic(by_motion, [dynamic[:2], dynamic[2:]])
         force = (force + as_coefficients(np.stack([lacking_x, lacking_y], axis=-2)))[..., measured]
         by_motion = by_motion[:, :, measured][..., measured]
         count = 2 * len(measured)
-        return Balances(force.reshape(len(values), len(motion), count), by_motion.reshape(len(values), len(motion), count, count))
+        return Balances(
+            force.reshape(len(values), len(motion), count), by_motion.reshape(len(values), len(motion), count, count)
+        )
 
 
-def _balance(model: Model, values: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, ...]:
+def _balance(
+    model: Model, values: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
+) -> tuple[Array, ...]:
     orders = model.layout.orders
     grid = Grid(orders, turns=round(1.0 / orders[1]))
     _, unravel = ravel_pytree(model.effects)

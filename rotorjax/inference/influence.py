@@ -1,4 +1,6 @@
-"""What a fit would be on part of the data or under another prior, to first order about where it ended: no evaluation of the model."""
+"""What a fit would be on part of the data or under another prior, to first order about where it ended: no evaluation of
+the model.
+"""
 
 from collections.abc import Callable
 
@@ -22,9 +24,9 @@ def influenced(
 ) -> End:
     """One step of Gauss and Newton from the end of a fit: exact where the vectors are linear in the parameters.
 
-    Elsewhere the cost is too low, as a rule: the step goes as far as the linear model promises. Without part of the data this is the
-    influence function of the fit (Cook 1977, Technometrics 19:15-18). **Arguments:** ``data``: in the units of the fit; ``training``:
-    cases that count now; ``prior`` of the free unknowns, if it is another one.
+    Elsewhere the cost is too low, as a rule: the step goes as far as the linear model promises. Without part of the
+    data this is the influence function of the fit (Cook 1977, Technometrics 19:15-18). **Arguments:** ``data``: in the
+    units of the fit; ``training``: cases that count now; ``prior`` of the free unknowns, if it is another one.
     """
     squares, here = squares_of(data, end.local.error, end.local.slopes, training), end.point[end.free]
     there = end.prior if prior is None else prior(here)

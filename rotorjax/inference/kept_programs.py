@@ -1,7 +1,9 @@
-"""Programs kept from one process to the next, beside what JAX keeps: to trace a kernel takes longer than to load what was compiled of it.
+"""Programs kept from one process to the next, beside what JAX keeps: to trace a kernel takes longer than to load what
+was compiled of it.
 
-What is kept is JAX's own portable form (`jax.export`), no pickle. Its name says what it was made of: the sources of this package, the
-versions of what they stand on, the structure and the shapes. Where JAX keeps nothing, or a class is not this package's own, nothing is kept.
+What is kept is JAX's own portable form (`jax.export`), no pickle. Its name says what it was made of: the sources of
+this package, the versions of what they stand on, the structure and the shapes. Where JAX keeps nothing, or a class is
+not this package's own, nothing is kept.
 """
 
 import contextlib
@@ -25,7 +27,9 @@ DIGEST = hashlib.sha256().digest_size
 
 
 def kept_program(function: Callable[..., Any], made_of: str, arguments: tuple[Any, ...]) -> Callable[..., Any]:
-    """A compiled function of arguments of these shapes: found, or traced and kept. **Arguments:** ``made_of``: what it depends on beside the shapes."""
+    """A compiled function of arguments of these shapes: found, or traced and kept. **Arguments:** ``made_of``: what it
+    depends on beside the shapes.
+    """
     file, found = _file(made_of, arguments), None
     if file is not None:
         found = _read(file)
@@ -42,7 +46,9 @@ def _file(made_of: str, arguments: tuple[Any, ...]) -> Path | None:
     if not folder or " at 0x" in made_of:
         return None
     shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves(arguments)]
-    name = hashlib.sha256("\n".join((_sources(), made_of, str(jax.tree.structure(arguments)), str(shapes))).encode()).hexdigest()
+    name = hashlib.sha256(
+        "\n".join((_sources(), made_of, str(jax.tree.structure(arguments)), str(shapes))).encode()
+    ).hexdigest()
     return Path(folder) / FOLDER / name
 
 

@@ -1,7 +1,8 @@
 """The compiled part of every fit: a chunk of rows in, equations, readings and their slopes out.
 
-A row is one set of unknowns at one case and one speed. Shapes depend on the probes, the orders and the catalogue only, never on the
-number of cases, runs, starts or free unknowns: each kernel is compiled once, and every later measurement finds it in the cache.
+A row is one set of unknowns at one case and one speed. Shapes depend on the probes, the orders and the catalogue only,
+never on the number of cases, runs, starts or free unknowns: each kernel is compiled once, and every later measurement
+finds it in the cache.
 """
 
 import contextvars
@@ -50,7 +51,11 @@ def side_by_side(function: Callable[[Item], Result], items: Sequence[Item]) -> l
     if len(items) == 1:
         return [function(items[0])]
     # What NumPy does on overflow is a setting of the thread's context.
-    return list(_WORKERS.map(lambda item, context: context.run(function, item), items, [contextvars.copy_context() for _ in items]))
+    return list(
+        _WORKERS.map(
+            lambda item, context: context.run(function, item), items, [contextvars.copy_context() for _ in items]
+        )
+    )
 
 
 class Rows(NamedTuple):
@@ -65,14 +70,18 @@ class Rows(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What the probes show [m], real and imaginary part of every probe and order in a row, and its slopes by the wanted unknowns."""
+    """What the probes show [m], real and imaginary part of every probe and order in a row, and its slopes by the wanted
+    unknowns.
+    """
 
     shown: Float[np.ndarray, "row cell"]
     slopes: Float[np.ndarray, "row cell column"]
 
 
 class Equations(NamedTuple):
-    """The balance of forces g = D q + N(q) - F along a motion q [N], the reading s of that motion [m], and their slopes."""
+    """The balance of forces g = D q + N(q) - F along a motion q [N], the reading s of that motion [m], and their
+    slopes.
+    """
 
     shown: Float[np.ndarray, "row cell"]
     shown_by_motion: Float[np.ndarray, "row cell equation"]
@@ -83,7 +92,9 @@ class Equations(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """The same balance with the force taken along more orders at more instants, and those orders as they follow that force."""
+    """The same balance with the force taken along more orders at more instants, and those orders as they follow that
+    force.
+    """
 
     force: Float[np.ndarray, "row equation"]
     motion: Float[np.ndarray, "row dof wide"]
@@ -102,7 +113,9 @@ class Kernels:
         full = bare.with_orders(tuple(sorted({*orders, *USUAL_ORDERS})))
         self._read = [full.model.layout.orders.index(order) for order in orders]
         self._more = len(full.centre) - len(bare.centre)
-        self._balanced, self._refined = (compiled(kernel, full, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined))
+        self._balanced, self._refined = (
+            compiled(kernel, full, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined)
+        )
 
     @property
     def coefficients(self) -> int:
@@ -179,11 +192,17 @@ def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> F
 
 def as_coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
     """`rotorjax.physics.harmonic_balance.to_real` in NumPy."""
-    return np.concatenate([np.real(amplitudes[..., :1]), numpy_pair(amplitudes[..., 1:]).reshape(*amplitudes.shape[:-1], -1)], axis=-1)
+    return np.concatenate(
+        [np.real(amplitudes[..., :1]), numpy_pair(amplitudes[..., 1:]).reshape(*amplitudes.shape[:-1], -1)], axis=-1
+    )
 
 
-def add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficient"], dynamic: list[list[np.ndarray]]) -> None:
-    """Add a complex factor per order, row x order for each pair of directions, as it acts on coefficients; that of order 0 is real."""
+def add_dynamic(
+    by_motion: Float[np.ndarray, "row dof coefficient dof coefficient"], dynamic: list[list[np.ndarray]]
+) -> None:
+    """Add a complex factor per order, row x order for each pair of directions, as it acts on coefficients; that of
+    order 0 is real.
+    """
     for (i, row), j in itertools.product(enumerate(dynamic), range(len(dynamic))):
         real, imaginary = np.real(row[j]), np.imag(row[j])
         block = by_motion[:, i, :, j]
@@ -197,7 +216,9 @@ def add_dynamic(by_motion: Float[np.ndarray, "row dof coefficient dof coefficien
 
 
 class Program:
-    """A kernel that takes the leaves of a pytree, its first argument, one by one: traced when it is first called, or found."""
+    """A kernel that takes the leaves of a pytree, its first argument, one by one: traced when it is first called, or
+    found.
+    """
 
     def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool) -> None:
         self._kernel, self._structure, self._ours = kernel, structure, ours
@@ -222,18 +243,26 @@ class Program:
             return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
 
         # What a class of somebody else does is not said by its name.
-        return kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows)) if self._ours else jax.jit(kernel)
+        return (
+            kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows))
+            if self._ours
+            else jax.jit(kernel)
+        )
 
 
 @functools.lru_cache
-def _program(kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool) -> Program:
+def _program(
+    kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool
+) -> Program:
     """The same one whenever it is asked for."""
     del shapes  # a program for each
     return Program(kernel, structure, ours=ours)
 
 
 class Compiled(NamedTuple):
-    """A kernel at the values of one pytree. Called with rows, any number of them, which are evaluated in chunks of one size."""
+    """A kernel at the values of one pytree. Called with rows, any number of them, which are evaluated in chunks of one
+    size.
+    """
 
     program: Program
     # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
@@ -257,16 +286,22 @@ class Compiled(NamedTuple):
 
 
 def compiled(kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int) -> Compiled:
-    """A kernel whose first argument is a pytree. **Arguments:** ``model``: what the tree was made of; ``size``: rows evaluated together."""
+    """A kernel whose first argument is a pytree. **Arguments:** ``model``: what the tree was made of; ``size``: rows
+    evaluated together.
+    """
     leaves, structure = jax.tree.flatten(tree)
     ours = all(type(part).__module__.startswith("rotorjax.") for part in (model.rotor, *model.effects))
     return Compiled(_program(kernel, structure, tuple(np.shape(leaf) for leaf in leaves), ours), leaves, size)
 
 
 def nameless(model: Model) -> Model:
-    """The model without the names of probes and planes, which compiled code must not depend on, and without slow roll."""
+    """The model without the names of probes and planes, which compiled code must not depend on, and
+    without slow roll.
+    """
     layout = model.layout
-    blank = Layout(tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders)
+    blank = Layout(
+        tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders
+    )
     return dataclasses.replace(model, layout=blank, slow_roll=None)
 
 
@@ -274,7 +309,9 @@ def _one_hot(columns: Array, size: int) -> Float[Array, "column param"]:
     return (jnp.asarray(columns)[:, None] == jnp.arange(size)[None]).astype(float)
 
 
-def _linear(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array) -> tuple[Array, Array]:
+def _linear(
+    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array
+) -> tuple[Array, Array]:
     def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
         def shown(at: Array) -> Array:
             return linear_vectors(without_timed(space.at(at)), Conditions(*condition))
@@ -286,18 +323,24 @@ def _linear(space: Space, unknowns: Array, columns: Array, speed: Array, unbalan
 
 
 class _Along(NamedTuple):
-    """What one row along a motion depends on the unknowns by; or its changes, with a leading axis that counts columns."""
+    """What one row along a motion depends on the unknowns by; or its changes, with a leading axis that
+    counts columns.
+    """
 
     lacking: Vector
     inputs: Inputs
     sensed: Sensed
 
 
-def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, ...]:
+def _balanced(
+    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
+) -> tuple[Array, ...]:
     model = space.model
     grid = make_grid(model.layout.orders)
 
-    def row(u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array, *, any_wanted: bool) -> tuple[_Along, _Along, Array, Matrix]:
+    def row(
+        u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array, *, any_wanted: bool
+    ) -> tuple[_Along, _Along, Array, Matrix]:
         condition = Conditions(speed, unbalance, bow)
 
         def along(at: Array) -> _Along:
@@ -306,15 +349,23 @@ def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbal
 
         here, push = jax.linearize(along, u)
         units = _one_hot(wanted, len(u))
-        moved = jax.vmap(push)(units) if any_wanted else jax.tree.map(lambda part: jnp.zeros((len(units), *part.shape), part.dtype), here)
+        moved = (
+            jax.vmap(push)(units)
+            if any_wanted
+            else jax.tree.map(lambda part: jnp.zeros((len(units), *part.shape), part.dtype), here)
+        )
         ready = Ready.of(space.at(u), condition)
         return here, moved, ready.sensed_by_motion(), ready.assembled.dynamic
 
     every, none = (jax.vmap(functools.partial(row, any_wanted=some)) for some in (True, False))
-    here, moved, by_motion, dynamic = jax.lax.cond(jnp.any(columns >= 0), every, none, unknowns, columns, speed, unbalance, bow, motions)
+    here, moved, by_motion, dynamic = jax.lax.cond(
+        jnp.any(columns >= 0), every, none, unknowns, columns, speed, unbalance, bow, motions
+    )
     # Not row by row: what is at its null in all rows is passed over.
     forces = force_slopes(parameters_of(model)[1], model.rotor, grid, here.inputs, moved.inputs)
-    shown = read_rows(bends_of(model)[1], grid, positions(model.layout.orders, grid), here.sensed, moved.sensed, by_motion)
+    shown = read_rows(
+        bends_of(model)[1], grid, positions(model.layout.orders, grid), here.sensed, moved.sensed, by_motion
+    )
     # Parts by themselves: to put them side by side costs more in compiled code than outside.
     return (
         shown.shown, shown.slopes, shown.by_motion, here.lacking.x, here.lacking.y, moved.lacking.x, moved.lacking.y,
@@ -322,7 +373,9 @@ def _balanced(space: Space, unknowns: Array, columns: Array, speed: Array, unbal
     )  # fmt: skip
 
 
-def _refined(space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array) -> tuple[Array, Array]:
+def _refined(
+    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
+) -> tuple[Array, Array]:
     del columns
     model = space.model
     grid = make_grid(model.layout.orders)

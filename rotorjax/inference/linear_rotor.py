@@ -1,6 +1,7 @@
 """The rotor without forces that depend on motion, and its measuring chain, at any number of conditions.
 
-One program serves every model, measurement and number of conditions: its shape depends on the probes, the orders and the number of planes.
+One program serves every model, measurement and number of conditions: its shape depends on the probes, the orders and
+the number of planes.
 """
 
 from typing import NamedTuple
@@ -39,7 +40,9 @@ class Sight(NamedTuple):
 
 
 class LinearRotor:
-    """A model in company of all linear effects of the catalogue, which are at their null where it does not have them."""
+    """A model in company of all linear effects of the catalogue, which are at their null where it does
+    not have them.
+    """
 
     def __init__(self, model: Model) -> None:
         linear = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | WaveformEffect)}
@@ -88,7 +91,9 @@ def _linear_rotor(model: Model, speed: Array, unbalance: Array, bow: Array) -> t
         sensed = jax.vmap(lambda part, link, disk: link.sensed(whole.probes, part.motion_of(disk)))
         zero, unit = jnp.zeros(len(grid.orders), complex), jnp.ones(len(grid.orders), complex)
         rest = sensed(assembled, chain, Vector(zero, zero))
-        along = jnp.stack([sensed(assembled, chain, disk) - rest for disk in (Vector(unit, zero), Vector(zero, unit))], axis=-1)
+        along = jnp.stack(
+            [sensed(assembled, chain, disk) - rest for disk in (Vector(unit, zero), Vector(zero, unit))], axis=-1
+        )
         turn = chain.turn + zero
         free = to_real(in_space(assembled.motion().disk))
         vectors = linear_vectors(model, Conditions(speed, unbalance, bow))

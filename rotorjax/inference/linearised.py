@@ -1,17 +1,19 @@
-"""A model linearised about motions that need not balance: the motion of every case is eliminated by its own small solve.
+"""A model linearised about motions that need not balance: the motion of every case is eliminated by its own small
+solve.
 
-Unknowns are the parameters θ and the motion q of every case. With the balance of forces g(q, θ) = D q + N(q) - F and the reading s(q, θ),
+Unknowns are the parameters θ and the motion q of every case. With the balance of forces g(q, θ) = D q + N(q) - F and
+the reading s(q, θ),
 
     minimise  ½ |(s - z)/σ|² + ½ |W g|²/ε² + prior(θ),     W = 1/(k + m (nΩ)²) turns a force into a displacement,
 
-to first order in (dq, dθ). Without its own freedom the motion would follow the balance, dq = -G⁻¹ (g + g_θ dθ), G = ∂g/∂q; what
-freedom ε leaves it is a force h on the rotor, of standard error ε/W. Integrated out, as h is, it adds to the covariance of the
-vectors:
+to first order in (dq, dθ). Without its own freedom the motion would follow the balance, dq = -G⁻¹ (g + g_θ dθ), G =
+∂g/∂q; what freedom ε leaves it is a force h on the rotor, of standard error ε/W. Integrated out, as h is, it adds to
+the covariance of the vectors:
 
     residual r - X g, slopes s_θ - X g_θ, covariance 1 + ε² (X/W)(X/W)ᵀ,     X = s_q G⁻¹ / σ.
 
-ε = 0 is the model itself, linearised as implicit differentiation would. (Direct collocation; parameter cascading: Ramsay, Hooker, Campbell,
-Cao 2007, J. R. Stat. Soc. B 69:741-796.)
+ε = 0 is the model itself, linearised as implicit differentiation would. (Direct collocation; parameter cascading:
+Ramsay, Hooker, Campbell, Cao 2007, J. R. Stat. Soc. B 69:741-796.)
 """
 
 import contextlib
@@ -33,7 +35,9 @@ class Point(NamedTuple):
 
     unknowns: Float[np.ndarray, "param"]
     motions: Float[np.ndarray, "state dof wide"] | None
-    """Of every case, then at slow roll where that was subtracted (`States`); none where every order has its closed form."""
+    """Of every case, then at slow roll where that was subtracted (`States`); none where every order has its closed
+    form.
+    """
     refined: bool = False
     """Whether the force is taken along more orders and at more instants."""
 
@@ -90,7 +94,9 @@ class Linearised(NamedTuple):
             _replaced(old, places["case" if part in ("by_force", "seen", "reach") else "state"], new)
             for part, old, new in zip(Freedom._fields, self.freedom, other.freedom, strict=True)
         ))  # fmt: skip
-        shown, error, slopes = (_replaced(getattr(self, part), cases, getattr(other, part)) for part in ("shown", "error", "slopes"))
+        shown, error, slopes = (
+            _replaced(getattr(self, part), cases, getattr(other, part)) for part in ("shown", "error", "slopes")
+        )
         return Linearised(other.point, shown, error, slopes, freedom)
 
     @property
@@ -112,7 +118,9 @@ class Budget:
 
 
 class States(NamedTuple):
-    """Conditions whose motions are balanced: those of every case, then, where slow roll was subtracted, of each set of what is installed there."""
+    """Conditions whose motions are balanced: those of every case, then, where slow roll was subtracted, of each set of
+    what is installed there.
+    """
 
     speed: Float[np.ndarray, "state"]
     """[rad/s], with what is installed: see `rotorjax.model.Conditions`."""
@@ -124,20 +132,29 @@ class States(NamedTuple):
     @classmethod
     def of(cls, conditions: Conditions | Data, slow_roll: float | None) -> "States":
         """Of every condition."""
-        speed, unbalance, bow = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
+        speed, unbalance, bow = (
+            np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow)
+        )
         if slow_roll is None:
             return cls(speed, unbalance, bow, None)
         installed = np.concatenate([unbalance.reshape(len(speed), -1), bow], axis=1)
         _, first, which = np.unique(installed, axis=0, return_index=True, return_inverse=True)
         slow = np.full(len(first), slow_roll)
         rolling = len(speed) + which.reshape(-1)
-        return cls(np.concatenate([speed, slow]), np.concatenate([unbalance, unbalance[first]]), np.concatenate([bow, bow[first]]), rolling)
+        return cls(
+            np.concatenate([speed, slow]),
+            np.concatenate([unbalance, unbalance[first]]),
+            np.concatenate([bow, bow[first]]),
+            rolling,
+        )
 
     def seen_in(self, cases: Int[np.ndarray, "near"]) -> Int[np.ndarray, "one"]:
         """The states of some cases, then theirs at slow roll."""
         return cases if self.rolling is None else np.concatenate([cases, np.unique(self.rolling[cases])])
 
-    def read(self, values: Float[np.ndarray, "one *cell"], cases: Int[np.ndarray, "near"]) -> Float[np.ndarray, "near *cell"]:
+    def read(
+        self, values: Float[np.ndarray, "one *cell"], cases: Int[np.ndarray, "near"]
+    ) -> Float[np.ndarray, "near *cell"]:
         """What is at some cases less what is at slow roll. **Arguments:** ``values`` in the states of `seen_in`."""
         if self.rolling is None:
             return values
@@ -208,10 +225,15 @@ class Linearisation:
                     found[k] = one
         return [one for one in found if one is not None]
 
-    def _tasks(self, points: Sequence[Point], free: Sequence[np.ndarray], cases: Sequence[np.ndarray] | None = None) -> list[_Task]:
+    def _tasks(
+        self, points: Sequence[Point], free: Sequence[np.ndarray], cases: Sequence[np.ndarray] | None = None
+    ) -> list[_Task]:
         """All that is evaluated, counted."""
         every = [np.arange(self.cases)] * len(points) if cases is None else cases
-        tasks = [_Task(point, own, near, self.states.seen_in(near)) for point, own, near in zip(points, free, every, strict=True)]
+        tasks = [
+            _Task(point, own, near, self.states.seen_in(near))
+            for point, own, near in zip(points, free, every, strict=True)
+        ]
         self.budget.spent += sum(task.blocks * len(task.cases) for task in tasks)
         return tasks
 
@@ -227,14 +249,22 @@ class Linearisation:
             which.append(np.tile(task.states, task.blocks))
         return self._rows_of(np.concatenate(unknowns), np.concatenate(wanted), np.concatenate(which))
 
-    def _rows_of(self, unknowns: Float[np.ndarray, "row param"], wanted: Int[np.ndarray, "row column"], states: Int[np.ndarray, "row"]) -> Rows:
+    def _rows_of(
+        self,
+        unknowns: Float[np.ndarray, "row param"],
+        wanted: Int[np.ndarray, "row column"],
+        states: Int[np.ndarray, "row"],
+    ) -> Rows:
         return Rows(unknowns, wanted, self.states.speed[states], self.states.unbalance[states], self.states.bow[states])
 
     def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
         """Back to one array a task: block x state x what follows."""
         ends = np.cumsum([task.blocks * len(task.states) for task in tasks])[:-1]
         parts = np.split(values, ends)
-        return [part.reshape(task.blocks, len(task.states), *values.shape[1:]) for part, task in zip(parts, tasks, strict=True)]
+        return [
+            part.reshape(task.blocks, len(task.states), *values.shape[1:])
+            for part, task in zip(parts, tasks, strict=True)
+        ]
 
     def _plain(self, points: list[Point], free: list[np.ndarray]) -> list[Linearised]:
         tasks = self._tasks(points, free)
@@ -246,16 +276,32 @@ class Linearisation:
             found.append(self._held_against(task, read, by_free, None))
         return found
 
-    def timed_at(self, points: Sequence[Point], free: Sequence[Int[np.ndarray, "_"]], cases: Sequence[Int[np.ndarray, "_"]] | None = None) -> list[Linearised]:
+    def timed_at(
+        self,
+        points: Sequence[Point],
+        free: Sequence[Int[np.ndarray, "_"]],
+        cases: Sequence[Int[np.ndarray, "_"]] | None = None,
+    ) -> list[Linearised]:
         """The same where orders depend on one another; on some ``cases`` of each point only, if so wanted."""
         tasks = self._tasks(points, free, cases)
         wide = np.concatenate([np.concatenate([task.motions] * task.blocks) for task in tasks])
-        parts = [self._split(part, tasks) for part in self.kernels.balanced(self._rows(tasks), wide[..., : self.kernels.coefficients])]
+        parts = [
+            self._split(part, tasks)
+            for part in self.kernels.balanced(self._rows(tasks), wide[..., : self.kernels.coefficients])
+        ]
         refined = self._refined(tasks)
-        return side_by_side(lambda k: self._eliminated(tasks[k], Equations(*(part[k] for part in parts)), refined.get(k)), range(len(tasks)))
+        return side_by_side(
+            lambda k: self._eliminated(tasks[k], Equations(*(part[k] for part in parts)), refined.get(k)),
+            range(len(tasks)),
+        )
 
     def imbalance(
-        self, unknowns: Float[np.ndarray, "row param"], states: Int[np.ndarray, "row"], motions: Float[np.ndarray, "row dof wide"], *, refined: bool
+        self,
+        unknowns: Float[np.ndarray, "row param"],
+        states: Int[np.ndarray, "row"],
+        motions: Float[np.ndarray, "row dof wide"],
+        *,
+        refined: bool,
     ) -> Imbalance:
         """The balance of single states, without slopes by the unknowns."""
         count = self.kernels.coefficients
@@ -291,7 +337,8 @@ class Linearisation:
         by_force = inverse[:count] / per_force[:count, None, :]
         freedom = Freedom(
             newton, newton_slopes, by_force, read[:count] * weight, read[:count] @ by_force * weight,
-            np.linalg.norm(force * per_force, axis=1), np.abs(off * self._state_weight[task.states]).max(axis=1), followed,
+            np.linalg.norm(force * per_force, axis=1), np.abs(off * self._state_weight[task.states]).max(axis=1),
+            followed,
         )  # fmt: skip
         return self._held_against(task, shown, slopes, freedom)
 

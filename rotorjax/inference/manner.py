@@ -9,7 +9,8 @@ FIRST_DAMPING = 1e-2
 CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF = 0, 1, 2, 3
 RESULT_TEXT = {
     CONVERGED: "converged",
-    MAX_STEPS: "stopped at the step limit: the data hardly determine some parameter; give it a value, or a tighter prior",
+    MAX_STEPS: "stopped at the step limit: the data hardly determine some parameter; give it a value, or a tighter "
+    "prior",
     CUT_OFF: "stopped where the linearisations allowed were spent",
     NOT_FINITE: "not finite at the start: check the rig file's mass, stiffness and damping, and the table's sigma",
 }

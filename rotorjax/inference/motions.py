@@ -17,11 +17,14 @@ STEPS = 50
 """Most of them."""
 
 
-def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) -> list[Float[np.ndarray, "state dof wide"]]:
-    """Motions that show what was measured: those of the rotor without forces that depend on motion, changed as little as possible.
+def first_motions(
+    lin: Linearisation, points: list[Float[np.ndarray, "param"]]
+) -> list[Float[np.ndarray, "state dof wide"]]:
+    """Motions that show what was measured: those of the rotor without forces that depend on motion, changed as little
+    as possible.
 
-    A change that goes along with the motion of its order, in both directions alike, counts least: where one direction is not seen, a
-    force that makes the other larger or smaller does the same to it.
+    A change that goes along with the motion of its order, in both directions alike, counts least: where one direction
+    is not seen, a force that makes the other larger or smaller does the same to it.
     """
     plain = [np.where(lin.space.timed(), 0.0, point) for point in points]
     distinct = list({point.tobytes(): point for point in plain}.values())
@@ -30,7 +33,10 @@ def first_motions(lin: Linearisation, points: list[Float[np.ndarray, "param"]]) 
     known = {}
     for one in lin.at([Point(point, lin.at_rest) for point in distinct], [np.zeros(0, int)] * len(distinct)):
         assert one.freedom is not None
-        free, size = -one.freedom.newton, FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight)))
+        free, size = (
+            -one.freedom.newton,
+            FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight))),
+        )
         likely = size**2 * _alike(free[: lin.cases].reshape(lin.cases, 2, lin.kernels.coefficients))
         along = likely @ np.swapaxes(one.freedom.seen, 1, 2)
         shown = one.freedom.seen @ along + np.eye(one.error.shape[1])
@@ -49,18 +55,27 @@ def _alike(motion: Float[np.ndarray, "case dof coefficient"]) -> Float[np.ndarra
         turned = np.stack([-pair[..., -1], pair[..., 0]], axis=-1) if len(parts) == 2 else np.zeros_like(pair)
         both = np.einsum("cip,cjq->cipjq", pair, pair) + np.einsum("cip,cjq->cipjq", turned, turned)
         size = np.maximum(np.sum(pair**2, axis=(1, 2)), 1e-300)
-        covariance[np.ix_(range(cases), range(dof), parts, range(dof), parts)] += LIKE * both / size[:, None, None, None, None]
+        covariance[np.ix_(range(cases), range(dof), parts, range(dof), parts)] += (
+            LIKE * both / size[:, None, None, None, None]
+        )
     return covariance.reshape(cases, dof * count, dof * count)
 
 
-def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tuple[list[Point], list[Int[np.ndarray, "near"]]]:
-    """Motions moved towards balance under parameters that stay: Newton's method, its steps shortened until the force that is lacking falls.
+def balanced(
+    lin: Linearisation, astray: list[Linearised], tight: float
+) -> tuple[list[Point], list[Int[np.ndarray, "near"]]]:
+    """Motions moved towards balance under parameters that stay: Newton's method, its steps shortened until the force
+    that is lacking falls.
 
-    The states have nothing to do with one another. **Arguments:** ``tight``: standard errors by which the reading may be off balance.
+    The states have nothing to do with one another. **Arguments:** ``tight``: standard errors by which the reading may
+    be off balance.
     **Returns** the points, and of each the cases that read of what was moved.
     """
     freedoms = [one.freedom for one in astray if one.freedom is not None]
-    motions, moved = [np.array(one.point.motions) for one in astray], [np.flatnonzero(freedom.off > tight) for freedom in freedoms]
+    motions, moved = (
+        [np.array(one.point.motions) for one in astray],
+        [np.flatnonzero(freedom.off > tight) for freedom in freedoms],
+    )
     for refined in (False, True):
         rows = [(k, state) for k, one in enumerate(astray) if one.point.refined == refined for state in moved[k]]
         if not rows:
@@ -87,13 +102,16 @@ def balanced(lin: Linearisation, astray: list[Linearised], tight: float) -> tupl
                     found[row], nearest[row] = motion, off
         for row, (k, state) in enumerate(rows):
             motions[k][state] = found[row]
-    cases = [np.flatnonzero(~lin.states.everywhere(~np.isin(np.arange(len(lin.states.speed)), states))) for states in moved]
+    cases = [
+        np.flatnonzero(~lin.states.everywhere(~np.isin(np.arange(len(lin.states.speed)), states))) for states in moved
+    ]
     return [one.point._replace(motions=found) for one, found in zip(astray, motions, strict=True)], cases
 
 
 def _imbalances(freedoms: list[Freedom], states: Int[np.ndarray, "row"]) -> Imbalance:
     """Of states that are linearised already, one of each."""
     size, off, newton, followed = (
-        np.stack([getattr(freedom, part)[state] for freedom, state in zip(freedoms, states, strict=True)]) for part in ("size", "off", "newton", "followed")
+        np.stack([getattr(freedom, part)[state] for freedom, state in zip(freedoms, states, strict=True)])
+        for part in ("size", "off", "newton", "followed")
     )
     return Imbalance(size, off, -newton.reshape(*followed.shape[:-1], -1), followed)

@@ -27,7 +27,8 @@ LEAST_NOISE = 1e-12
 SAME_SPEED = 0.005
 """Relative difference up to which readings of different runs are at one speed for influence coefficients."""
 SAME_MISFIT, MOST_ROUNDS = 0.02, 12
-"""Relative change of a misfit below which it stands, and most alternations between a fit and the misfit that it leaves."""
+"""Relative change of a misfit below which it stands, and most alternations between a fit and the misfit that it leaves.
+"""
 LEAST_GAIN = 2.0
 """Log likelihood that scatter between runs must gain to be believed."""
 
@@ -44,7 +45,9 @@ class RunScatter(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """What is added to the standard errors of the table: an isotropic allowance for misfit [m], and scatter between runs."""
+    """What is added to the standard errors of the table: an isotropic allowance for misfit [m], and scatter between
+    runs.
+    """
 
     allowance: float = 0.0
     scatter: RunScatter = RunScatter()
@@ -53,7 +56,9 @@ class Noise(NamedTuple):
 NO_SCATTER, NO_NOISE = RunScatter(), Noise()
 
 
-def scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter = NO_SCATTER) -> Float[np.ndarray, "run dof latent"]:
+def scatter_factor(
+    measurement: Measurement, model: Model, scatter: RunScatter = NO_SCATTER
+) -> Float[np.ndarray, "run dof latent"]:
     """Factor L of the covariance L Lᵀ of the random (U_x, U_y, s_x, s_y) of each run [kg m, m].
 
     What the user declared of the installed weights and bows, relative size along and angle across, and ``scatter``.
@@ -70,10 +75,17 @@ def scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter =
 
 
 def scatter_wanted(measurement: Measurement) -> bool:
-    """Whether scatter between runs can be inferred: four runs, known noise, neither switched off nor declared by the user."""
+    """Whether scatter between runs can be inferred: four runs, known noise, neither switched off nor declared by the
+    user.
+    """
     known = measurement.knowledge
     declared = known.installed_unbalance > 0.0 or known.installed_angle_rad > 0.0 or known.installed_bow > 0.0
-    return len(measurement.runs) >= FEW_RUNS and known.run_scatter == "auto" and measurement.sigma is not None and not declared
+    return (
+        len(measurement.runs) >= FEW_RUNS
+        and known.run_scatter == "auto"
+        and measurement.sigma is not None
+        and not declared
+    )
 
 
 def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"]) -> Noise:
@@ -81,9 +93,9 @@ def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarr
 
     At each speed, probe and order the residual is fitted by influence coefficients: a constant, and one complex number
     per balancing plane and for the bow, times what was installed. Any linear rotor lies in what these span. What is
-    left is a random unbalance and bow per run, ξ ~ N(0, diag(τ_U², τ_U², τ_s², τ_s²)), and noise N(0, σ² + a²): τ_U, τ_s
-    and a maximise the restricted likelihood (Patterson, Thompson 1971, Biometrika 58:545-554), by the simplex of Nelder
-    and Mead (1965); each is believed only where it gains a log likelihood of 2, unbalance before bow.
+    left is a random unbalance and bow per run, ξ ~ N(0, diag(τ_U², τ_U², τ_s², τ_s²)), and noise N(0, σ² + a²): τ_U,
+    τ_s and a maximise the restricted likelihood (Patterson, Thompson 1971, Biometrika 58:545-554), by the simplex of
+    Nelder and Mead (1965); each is believed only where it gains a log likelihood of 2, unbalance before bow.
 
     **Arguments:** ``residual`` measured minus predicted by some ``model`` [m], which takes out most of what depends on
     small differences in speed. **Returns** no noise where nothing can be inferred (`scatter_wanted`).
@@ -136,11 +148,18 @@ class _Rows(NamedTuple):
         if any(slope[k] == 0.0 for k in which):
             return -math.inf, 0.0, np.zeros(2)
         options = {"xatol": 0.01, "fatol": 0.01, "maxiter": 400}
-        found = minimize(lambda logs: -self.value(*unpack(logs)), np.full(1 + len(which), -1.0), method="Nelder-Mead", options=options)
+        found = minimize(
+            lambda logs: -self.value(*unpack(logs)),
+            np.full(1 + len(which), -1.0),
+            method="Nelder-Mead",
+            options=options,
+        )
         return -float(found.fun), *unpack(found.x)
 
 
-def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case probe order 2 4"], residual: np.ndarray) -> _Rows:
+def _beyond_influence(
+    measurement: Measurement, slopes: Float[np.ndarray, "case probe order 2 4"], residual: np.ndarray
+) -> _Rows:
     """Residuals projected, at every speed, probe and order, on what influence coefficients cannot reach."""
     weight = measurement.weights(0.0)
     errors, enters, variances = [], [], []
@@ -156,14 +175,18 @@ def _beyond_influence(measurement: Measurement, slopes: Float[np.ndarray, "case 
         spread = np.zeros((len(cases), len(measurement.runs), 4), complex)
         spread[np.arange(len(cases)), measurement.run[cases]] = complex_slopes
         errors.append(numpy_pair(beyond @ residual[cases, probe, order]).ravel())
-        enters.append(np.moveaxis(numpy_pair(np.einsum("ic,crl->irl", beyond, spread)), -1, 1).reshape(2 * len(beyond), -1))
+        enters.append(
+            np.moveaxis(numpy_pair(np.einsum("ic,crl->irl", beyond, spread)), -1, 1).reshape(2 * len(beyond), -1)
+        )
         variances.append(np.full(2 * len(beyond), np.mean(1.0 / weight[cases, probe, order, 0] ** 2)))
     if not errors:
         return _Rows(np.zeros(0), np.zeros((0, 4)), np.zeros(0))
     return _Rows(np.concatenate(errors), np.concatenate(enters), np.concatenate(variances))
 
 
-def _influence_blocks(measurement: Measurement) -> Iterator[tuple[tuple[np.ndarray, int, int], Complex[np.ndarray, "case column"]]]:
+def _influence_blocks(
+    measurement: Measurement,
+) -> Iterator[tuple[tuple[np.ndarray, int, int], Complex[np.ndarray, "case column"]]]:
     """Cases of one speed, with probe and order, and the columns of their influence coefficients."""
     cluster, speeds = cluster_speeds(measurement.speed_rpm, width=SAME_SPEED)
     unbalance = np.asarray(measurement.conditions.unbalance) @ np.array([1.0, 1j])
@@ -178,15 +201,21 @@ def _influence_blocks(measurement: Measurement) -> Iterator[tuple[tuple[np.ndarr
 
 
 def independent_numbers(measurement: Measurement) -> int:
-    """Real numbers in which a linear model that acts alike in all runs can be wrong: those of its influence coefficients.
+    """Real numbers in which a linear model that acts alike in all runs can be wrong: those of its influence
+    coefficients.
 
     Where a model misses, the miss repeats itself in run after run: more runs are then no more evidence.
     """
     parts = {order: 1 if n == 0.0 else 2 for order, n in enumerate(measurement.orders)}
-    return sum(parts[order] * int(np.linalg.matrix_rank(columns, tol=1e-9)) for (_, _, order), columns in _influence_blocks(measurement))
+    return sum(
+        parts[order] * int(np.linalg.matrix_rank(columns, tol=1e-9))
+        for (_, _, order), columns in _influence_blocks(measurement)
+    )
 
 
-def scatter_share(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], scatter: RunScatter) -> float:
+def scatter_share(
+    measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], scatter: RunScatter
+) -> float:
     """Share of the squared residual that a scatter between runs accounts for."""
     plain, undone = (whitened_residual(measurement, model, residual, Noise(0.0, s)) for s in (NO_SCATTER, scatter))
     total = float(plain @ plain)
@@ -212,14 +241,23 @@ def whitened_residual(
         cases = measurement.run == run
         counted = weight[cases].ravel() > 0.0
         block = (slopes[cases].reshape(-1, 4) @ factor[run])[counted]
-        parts.append(np.linalg.solve(np.linalg.cholesky(np.eye(len(block)) + block @ block.T), errors[cases].ravel()[counted]))
+        parts.append(
+            np.linalg.solve(np.linalg.cholesky(np.eye(len(block)) + block @ block.T), errors[cases].ravel()[counted])
+        )
     return np.concatenate(parts)
 
 
 def reduced_chi2(
-    measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], *, fitted: int = 0, noise: Noise = NO_NOISE
+    measurement: Measurement,
+    model: Model,
+    residual: Complex[np.ndarray, "case probe order"],
+    *,
+    fitted: int = 0,
+    noise: Noise = NO_NOISE,
 ) -> float | None:
-    """Squared residual in squared standard errors per degree of freedom; none where the noise is unknown or nothing is left over."""
+    """Squared residual in squared standard errors per degree of freedom; none where the noise is unknown or nothing is
+    left over.
+    """
     if measurement.sigma is None:
         return None
     errors = whitened_residual(measurement, model, residual, noise)
@@ -227,8 +265,11 @@ def reduced_chi2(
     return float(errors @ errors) / freedom if freedom > 0 else None
 
 
-def misfit_of(measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], fitted: int, floor: Noise) -> float:
-    """Isotropic standard error that accounts for what is left [m]: at least that of ``floor``, which is enough if the residual is healthy under it.
+def misfit_of(
+    measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], fitted: int, floor: Noise
+) -> float:
+    """Isotropic standard error that accounts for what is left [m]: at least that of ``floor``, which is enough if the
+    residual is healthy under it.
 
     **Arguments:** ``fitted``: number of parameters fitted; ``floor``: noise beside the table's, whose scatter between
     runs is taken off.

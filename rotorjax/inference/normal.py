@@ -44,7 +44,10 @@ class Normal(Squares):
         assert free is not None
         moved = -(free.newton + free.newton_slopes @ step)
         if self._factor is not None:
-            pull = np.linalg.solve(np.swapaxes(self._factor, 1, 2), self.left(step)[..., None])[..., 0] * self.task.training[:, None]
+            pull = (
+                np.linalg.solve(np.swapaxes(self._factor, 1, 2), self.left(step)[..., None])[..., 0]
+                * self.task.training[:, None]
+            )
             force = self.freedom**2 * np.swapaxes(free.reach, 1, 2) @ pull[..., None]
             moved[: len(force)] -= (free.by_force @ force)[..., 0]
         return moved

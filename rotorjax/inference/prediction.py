@@ -1,4 +1,6 @@
-"""What a model shows at conditions that were not measured, or at other parameters: motions that balance, from motions near by."""
+"""What a model shows at conditions that were not measured, or at other parameters: motions that balance, from motions
+near by.
+"""
 
 import math
 from typing import NamedTuple
@@ -28,7 +30,17 @@ def conditions_data(conditions: Conditions, probes: int, orders: int) -> Data:
     """Conditions at which nothing was measured."""
     speed, unbalance, bow = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
     pairs, run = np.zeros((len(speed), probes, orders, 2)), np.zeros(len(speed), int)
-    return Data(speed, unbalance, bow, pairs, np.ones(pairs.shape), np.zeros(orders, bool), run, np.zeros((len(speed), probes * orders * 2, 0)), 1)
+    return Data(
+        speed,
+        unbalance,
+        bow,
+        pairs,
+        np.ones(pairs.shape),
+        np.zeros(orders, bool),
+        run,
+        np.zeros((len(speed), probes * orders * 2, 0)),
+        1,
+    )
 
 
 def predict(
@@ -42,8 +54,9 @@ def predict(
 ) -> Prediction:
     """What the model shows at some unknowns.
 
-    **Arguments:** ``near``: conditions of motions known at about these unknowns, and those motions: where orders depend on one another
-    each case begins with that of the nearest condition, then with that of the linear rotor; ``free``: unknowns by which slopes are wanted.
+    **Arguments:** ``near``: conditions of motions known at about these unknowns, and those motions: where orders depend
+    on one another each case begins with that of the nearest condition, then with that of the linear rotor; ``free``:
+    unknowns by which slopes are wanted.
     """
     layout = space.model.layout
     lin = Linearisation(space, conditions_data(conditions, len(layout.probes), len(layout.orders)), budget)
@@ -53,9 +66,19 @@ def predict(
         return Prediction(lin.vectors(one.shown), one.slopes)
     starts = []
     if near is not None and near[1] is not None:
-        starts.append(near[1][_nearest(lin.states, States.of(near[0], None if space.model.slow_roll is None else float(space.model.slow_roll)))])
+        starts.append(
+            near[1][
+                _nearest(
+                    lin.states,
+                    States.of(near[0], None if space.model.slow_roll is None else float(space.model.slow_roll)),
+                )
+            ]
+        )
     starts.append(_linear_motions(lin, point))
-    shown, slopes = np.full((lin.cases, lin.data.pairs[0].size), np.nan), np.full((lin.cases, lin.data.pairs[0].size, len(wanted)), np.nan)
+    shown, slopes = (
+        np.full((lin.cases, lin.data.pairs[0].size), np.nan),
+        np.full((lin.cases, lin.data.pairs[0].size, len(wanted)), np.nan),
+    )
     for motions in starts:
         found, by_free = _balanced(lin, point, motions, wanted)
         lost = ~np.isfinite(shown).all(axis=1)
@@ -66,7 +89,9 @@ def predict(
 
 
 def _nearest(wanted: States, known: States) -> Int[np.ndarray, "state"]:
-    """Index of the known state that is nearest to each that is wanted: in speed, and in what is installed, each in its largest size."""
+    """Index of the known state that is nearest to each that is wanted: in speed, and in what is installed, each in its
+    largest size.
+    """
     distance = np.zeros((len(wanted.speed), len(known.speed)))
     for one, other in zip(wanted[:3], known[:3], strict=True):
         here, there = one.reshape(len(one), -1), other.reshape(len(other), -1)
@@ -82,7 +107,10 @@ def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Fl
 
 
 def _balanced(
-    lin: Linearisation, point: Float[np.ndarray, "param"], motions: Float[np.ndarray, "state dof wide"], free: Int[np.ndarray, "free"]
+    lin: Linearisation,
+    point: Float[np.ndarray, "param"],
+    motions: Float[np.ndarray, "state dof wide"],
+    free: Int[np.ndarray, "free"],
 ) -> tuple[Float[np.ndarray, "case cell"], Float[np.ndarray, "case cell free"]]:
     """Vectors and slopes where motions that balance are found near some, else not a number."""
     tight, none = math.inf, np.zeros(0, int)

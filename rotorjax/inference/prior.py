@@ -1,4 +1,6 @@
-"""The prior of the unknowns: normal, with long tails for the size of forces that depend on motion and of a probe's saturation."""
+"""The prior of the unknowns: normal, with long tails for the size of forces that depend on motion and of a probe's
+saturation.
+"""
 
 from typing import NamedTuple
 
@@ -19,7 +21,9 @@ class Prior(NamedTuple):
 
 
 def together(open_size: Int[np.ndarray, "free"]) -> Float[np.ndarray, "free free"]:
-    """1 where two unknowns are parts of the same open size, itself included; rows of zeros for the others. **Arguments:** as in `Space.open_size`."""
+    """1 where two unknowns are parts of the same open size, itself included; rows of zeros for the others.
+    **Arguments:** as in `Space.open_size`.
+    """
     return ((open_size[:, None] == open_size[None]) & (open_size >= 0)[:, None]).astype(float)
 
 
@@ -32,15 +36,15 @@ def cost_of_size(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "
 def prior_at(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 
-    A standard normal for each; but the size r = |u| of a force that depends on motion, or of a probe's saturation, has a tail by a power, as
-    nobody knows beforehand how strong a cubic spring or a rub is: thirty times the usual must not be excluded by its size alone.
-    Parameters with one unit, like the two components of a crack, have one size.
+    A standard normal for each; but the size r = |u| of a force that depends on motion, or of a probe's saturation, has
+    a tail by a power, as nobody knows beforehand how strong a cubic spring or a rub is: thirty times the usual must not
+    be excluded by its size alone. Parameters with one unit, like the two components of a crack, have one size.
 
         -ln p(u) = r² / 2 up to r = c, c² / 2 + c² ln(r / c) beyond, c = `USUAL`
 
-    up to a constant: within a thousandth of the normal's for a single number, within 3 % up to four (it is a density up to eight). The
-    weight is that of iterated least squares, min(1, c² / r²) (Huber 1981, Robust Statistics, section 7.8): as a curvature it bounds the
-    true one from above, and is never negative.
+    up to a constant: within a thousandth of the normal's for a single number, within 3 % up to four (it is a density up
+    to eight). The weight is that of iterated least squares, min(1, c² / r²) (Huber 1981, Robust Statistics, section
+    7.8): as a curvature it bounds the true one from above, and is never negative.
 
     **Arguments:** ``unknowns``; ``parts``: as `together` makes them.
     """

@@ -1,7 +1,8 @@
-"""The strength of a force scanned where descents lose it: its motion followed from that of the rotor without the force, step by step.
+"""The strength of a force scanned where descents lose it: its motion followed from that of the rotor without the force,
+step by step.
 
-A force that nearly holds the rotor shows as little of a motion, from which no descent finds the one that balances; from weak to strong
-each motion is near the one before.
+A force that nearly holds the rotor shows as little of a motion, from which no descent finds the one that balances; from
+weak to strong each motion is near the one before.
 """
 
 import math
@@ -24,8 +25,14 @@ class Scanned(NamedTuple):
     motions: Float[np.ndarray, "state dof wide"]
 
 
-def scan(lin: Linearisation, point: Float[np.ndarray, "param"], free: Int[np.ndarray, "free"], training: Bool[np.ndarray, "case"]) -> Scanned | None:
-    """The strength that comes nearest to the data, if motions balance at any and the free unknowns have just one strength of a force.
+def scan(
+    lin: Linearisation,
+    point: Float[np.ndarray, "param"],
+    free: Int[np.ndarray, "free"],
+    training: Bool[np.ndarray, "case"],
+) -> Scanned | None:
+    """The strength that comes nearest to the data, if motions balance at any and the free unknowns have just one
+    strength of a force.
 
     **Arguments:** ``point``: values of all other unknowns.
     """

@@ -21,7 +21,9 @@ from rotorjax.units import Unit, unit_of
 
 
 class Entry(NamedTuple):
-    """One number of one effect: scale of its prior (`rotorjax.inference.prior`) in SI, or of ln(1 + value) if logarithmic."""
+    """One number of one effect: scale of its prior (`rotorjax.inference.prior`) in SI, or of ln(1 + value) if
+    logarithmic.
+    """
 
     effect: str
     label: str
@@ -51,8 +53,8 @@ class Space(eqx.Module):
     """Maps a vector of unknowns, each in units of its prior scale, to a model.
 
     Value of entry i: scale_i u_j, where j is its unknown; the null of every effect is u = 0. A value that the user
-    declared uncertain is given_i + scale_i u_j, or (1 + given_i) exp(scale_i u_j) - 1 if it is a positive quantity: what
-    the model says is its centre.
+    declared uncertain is given_i + scale_i u_j, or (1 + given_i) exp(scale_i u_j) - 1 if it is a positive quantity:
+    what the model says is its centre.
     """
 
     model: Model
@@ -61,7 +63,9 @@ class Space(eqx.Module):
     logarithmic: Bool[Array, "param"]
     unknown: Int[Array, "param"]
     open_size: Int[Array, "param"]
-    """Of every unknown: a number for what it is a part of, if the size of that is left open (`rotorjax.inference.prior`); else -1."""
+    """Of every unknown: a number for what it is a part of, if the size of that is left open
+    (`rotorjax.inference.prior`); else -1.
+    """
     entries: tuple[Entry, ...] = eqx.field(static=True)
 
     def at(self, unknowns: Float[Array, "param"]) -> Model:
@@ -74,15 +78,21 @@ class Space(eqx.Module):
         return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
 
     def with_orders(self, orders: tuple[float, ...]) -> "Space":
-        """The same for other orders. Parameters of orders that are new stay at their null: their unknowns, after the others, change nothing."""
+        """The same for other orders. Parameters of orders that are new stay at their null: their unknowns, after the
+        others, change nothing.
+        """
         old = {entry: k for k, entry in enumerate(labels_of(self.model))}
         bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
-        blank = [e.replaced([as_array(np.zeros(p.shape(bare.layout))) for p in e.parameters()]) for e in self.model.effects]
+        blank = [
+            e.replaced([as_array(np.zeros(p.shape(bare.layout))) for p in e.parameters()]) for e in self.model.effects
+        ]
         model = dataclasses.replace(bare, effects=tuple(blank))
         place = np.array([old.get(entry, -1) for entry in labels_of(model)], dtype=int)
 
         def at(values: Array, new: Any) -> Array:
-            return as_array(np.where(place < 0, new, np.asarray(values)[place]) if len(values) else np.full(len(place), new))
+            return as_array(
+                np.where(place < 0, new, np.asarray(values)[place]) if len(values) else np.full(len(place), new)
+            )
 
         centre, scale, logarithmic = at(self.centre, 0.0), at(self.scale, 0.0), at(self.logarithmic, False)
         return Space(model, centre, scale, logarithmic, at(self.unknown, 0), at(self.open_size, -1), ())
@@ -178,9 +188,11 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
 
 
 def _open_sizes(model: Model, knowledge: Knowledge, entries: list[Entry]) -> Int[np.ndarray, "param"]:
-    """As in `Space.open_size`: parameters of an effect with one unit together, for they may be components of one vector.
+    """As in `Space.open_size`: parameters of an effect with one unit together, for they may be components of one
+    vector.
 
-    A number without a unit, like a coefficient of friction, has a size that is known beforehand, and so has what the user gave a scale.
+    A number without a unit, like a coefficient of friction, has a size that is known beforehand, and so has what the
+    user gave a scale.
     """
     sized = {e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
     numbers: dict[tuple[str, str], int] = {}

@@ -1,4 +1,6 @@
-"""Half the squares of residuals as a function of the parameters to first order, what scatters between runs integrated out."""
+"""Half the squares of residuals as a function of the parameters to first order, what scatters between runs integrated
+out.
+"""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -7,9 +9,11 @@ from rotorjax.inference.data import Data
 
 
 class Squares:
-    """Cost ½ |C^(-1/2) e|², C = 1 + B Bᵀ in each run, of a residual e(θ) = e + J dθ in standard errors; its gradient Jᵀ C⁻¹ e and Hessian Jᵀ C⁻¹ J.
+    """Cost ½ |C^(-1/2) e|², C = 1 + B Bᵀ in each run, of a residual e(θ) = e + J dθ in standard errors; its gradient Jᵀ
+    C⁻¹ e and Hessian Jᵀ C⁻¹ J.
 
-    B: what random unbalance and bow of a run, in units of their scatter, do to its vectors. Cases that do not count have none of the three.
+    B: what random unbalance and bow of a run, in units of their scatter, do to its vectors. Cases that do not count
+    have none of the three.
     """
 
     def __init__(
@@ -47,7 +51,12 @@ class Squares:
         return left - np.einsum("cml,cl->cm", self._scatter, random[self._run])
 
 
-def squares_of(data: Data, error: Float[np.ndarray, "case cell"], slopes: Float[np.ndarray, "case cell free"], training: Bool[np.ndarray, "case"]) -> Squares:
+def squares_of(
+    data: Data,
+    error: Float[np.ndarray, "case cell"],
+    slopes: Float[np.ndarray, "case cell free"],
+    training: Bool[np.ndarray, "case"],
+) -> Squares:
     """Of the cases that count."""
     counted = training[:, None]
     return Squares(data, error * counted, slopes * counted[..., None], data.scatter * counted[..., None])

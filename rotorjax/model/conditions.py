@@ -60,7 +60,10 @@ class Conditions(eqx.Module):
         if mass_distance.ndim < 2:
             mass_distance = numbers.broadcast_to(mass_distance, (1, 2))
         planes = mass_distance.shape[-2:]
-        spread = numbers.broadcast_to(mass_distance, (*omega.shape, *planes)), numbers.broadcast_to(offset, (*omega.shape, 2))
+        spread = (
+            numbers.broadcast_to(mass_distance, (*omega.shape, *planes)),
+            numbers.broadcast_to(offset, (*omega.shape, 2)),
+        )
         return cls(*map(as_float, (omega, *spread)))
 
     @classmethod

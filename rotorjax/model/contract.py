@@ -59,7 +59,9 @@ class Parameter(NamedTuple):
         """Prior scale in SI (`rotorjax.inference.prior`): ``scale`` times the rig's quantity ``of``."""
         quantities = rotor.quantities()
         if self.of not in quantities:
-            raise ValueError(f"parameter {self.name}: of={self.of!r} is no quantity of the rig; it has {', '.join(quantities)}")
+            raise ValueError(
+                f"parameter {self.name}: of={self.of!r} is no quantity of the rig; it has {', '.join(quantities)}"
+            )
         return self.scale * quantities[self.of]
 
     def shape(self, layout: Layout) -> tuple[int, ...]:
@@ -165,25 +167,34 @@ class Plan(NamedTuple):
     """A measurement that is enough to find an effect of one prior scale."""
 
     runs: int = 2
-    """A baseline, then trial weights of five times the balance grade's unbalance, each in another direction (and in the next plane)."""
+    """A baseline, then trial weights of five times the balance grade's unbalance, each in another direction (and in the
+    next plane).
+    """
     speeds: tuple[float, ...] = (0.7, 0.9, 1.1, 1.4)
     """Times the mean natural frequency."""
     orders: tuple[float, ...] = (1.0,)
     planes: int = 1
 
     def __str__(self) -> str:
-        runs = "a baseline" if self.runs == 1 else f"a baseline and {'a trial weight' if self.runs == 2 else f'{self.runs - 1} trial weights'}"
+        runs = (
+            "a baseline"
+            if self.runs == 1
+            else f"a baseline and {'a trial weight' if self.runs == 2 else f'{self.runs - 1} trial weights'}"
+        )
         where = ", weights in two planes" if self.planes > 1 else ""
         speeds = ", ".join(f"{speed:g}" for speed in self.speeds)
-        return f"{runs}{where}; two probes; {', '.join(f'{n:g}X' for n in self.orders)} at {speeds} times the natural frequency"
+        return (
+            f"{runs}{where}; two probes; {', '.join(f'{n:g}X' for n in self.orders)} at {speeds} times the natural "
+            "frequency"
+        )
 
 
 class Effect(eqx.Module):
     """One physical effect, local to a station, written for one case at one speed; ``vmap`` is the caller's business.
 
     A final subclass sets the class data, declares its parameters as fields by `parameter`, and inherits from one
-    or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `RestoringEffect`, `ReadingEffect`,
-    `WaveformEffect`.
+    or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `RestoringEffect`,
+    `ReadingEffect`, `WaveformEffect`.
     """
 
     name: AbstractClassVar[str]
@@ -212,14 +223,17 @@ class Effect(eqx.Module):
         return tuple(getattr(self, p.name) for p in self.parameters())
 
     def objection(self, rotor: AbstractRotor) -> str | None:
-        """Why these values can hardly be on this rotor, in a few words after the effect's name; none where nothing speaks against them.
+        """Why these values can hardly be on this rotor, in a few words after the effect's name; none where nothing
+        speaks against them.
 
         An answer that needs such values is never "explained".
         """
         return None
 
     def remark(self, rotor: AbstractRotor) -> str | None:
-        """What a user should know about these values on this rotor, though they may be, in a few words after the effect's name."""
+        """What a user should know about these values on this rotor, though they may be, in a few words after the
+        effect's name.
+        """
         return None
 
     def sized(self, layout: Layout) -> "Effect":
@@ -232,8 +246,16 @@ class Effect(eqx.Module):
             shape = declared.shape(layout)
             if value.shape not in ((), shape):
                 named = ", ".join(declared.labels(layout))
-                raise ValueError(f"{self.name}: {declared.name} has shape {value.shape}; give one number, or one each for {named}")
-            values.append(value if value.shape == shape else as_float(np.broadcast_to(value, shape)) if is_known(value) else jnp.broadcast_to(value, shape))
+                raise ValueError(
+                    f"{self.name}: {declared.name} has shape {value.shape}; give one number, or one each for {named}"
+                )
+            values.append(
+                value
+                if value.shape == shape
+                else as_float(np.broadcast_to(value, shape))
+                if is_known(value)
+                else jnp.broadcast_to(value, shape)
+            )
         return self.replaced(values)
 
     def replaced(self, values: list[Array]) -> "Effect":

@@ -45,8 +45,13 @@ class Model(eqx.Module, Shown):
     layout: Layout = eqx.field(static=True, default=Layout())
 
     def __check_init__(self) -> None:
-        if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (len(self.layout.planes),):
-            raise ValueError(f"the layout names probes {self.layout.probes} and planes {self.layout.planes}: give each an angle and a participation")
+        if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (
+            len(self.layout.planes),
+        ):
+            raise ValueError(
+                f"the layout names probes {self.layout.probes} and planes {self.layout.planes}: give each an angle and "
+                "a participation"
+            )
 
     def __add__(self, effect: Effect) -> "Model":
         sized = effect.sized(self.layout)
@@ -88,7 +93,10 @@ class Model(eqx.Module, Shown):
                 yield value
                 continue
             axis = declared.axes.index("order")
-            kept = [jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis)) for n in orders]
+            kept = [
+                jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis))
+                for n in orders
+            ]
             yield jnp.stack(kept, axis)
 
     def _with_effects(self, effects: list[Effect]) -> "Model":

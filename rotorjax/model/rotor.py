@@ -53,13 +53,17 @@ class Jeffcott(AbstractRotor):
         if not (float(self.mass) > 0.0 and np.all(np.asarray(self.stiffness) > 0.0)):
             raise ValueError("mass [kg] and stiffness [N/m] of a rotor must be positive")
         if not isinstance(self.damping_ratio, Tracer) and not np.all(np.asarray(self.damping_ratio) >= 0.0):
-            raise ValueError("a damping ratio must not be negative: write an unstable rotor with cross_coupling or internal_damping")
+            raise ValueError(
+                "a damping ratio must not be negative: write an unstable rotor with cross_coupling or internal_damping"
+            )
 
     @property
     def damping(self) -> Float[Array, "dof"]:
         """Viscous damping c_i [N s/m]."""
         if is_known(self.damping_ratio, self.stiffness, self.mass):
-            return as_float(2.0 * np.asarray(self.damping_ratio) * np.sqrt(np.asarray(self.stiffness) * np.asarray(self.mass)))
+            return as_float(
+                2.0 * np.asarray(self.damping_ratio) * np.sqrt(np.asarray(self.stiffness) * np.asarray(self.mass))
+            )
         return 2.0 * self.damping_ratio * jnp.sqrt(self.stiffness * self.mass)
 
     @property
@@ -72,7 +76,9 @@ class Jeffcott(AbstractRotor):
         return jnp.sqrt(self.stiffness / self.mass) / RPM
 
     @classmethod
-    def from_critical_speed(cls, *, mass: Numbers, critical_speed_rpm: Numbers, damping_ratio: Numbers, **settings: Any) -> "Jeffcott":
+    def from_critical_speed(
+        cls, *, mass: Numbers, critical_speed_rpm: Numbers, damping_ratio: Numbers, **settings: Any
+    ) -> "Jeffcott":
         """The rotor whose undamped critical speeds along x and y are these: k = M ω²."""
         stiffness = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2
         return cls(mass, stiffness, damping_ratio, **settings)  # pyright: ignore
@@ -90,13 +96,17 @@ def bearing_stiffness(*, critical_speed_rpm: Numbers, mass: Numbers, shaft_stiff
     """
     whole, shaft = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2, as_float(shaft_stiffness)
     if not np.all(np.asarray(whole) < np.asarray(shaft)):
-        raise ValueError(f"M ω² = {np.max(np.asarray(whole)):.5g} N/m reaches the shaft's own stiffness: check mass, critical speed and shaft stiffness")
+        raise ValueError(
+            f"M ω² = {np.max(np.asarray(whole)):.5g} N/m reaches the shaft's own stiffness: check mass, critical speed "
+            "and shaft stiffness"
+        )
     return 1.0 / (1.0 / whole - 1.0 / shaft)
 
 
 SHAFT_SHARE = 17.0 / 35.0
-"""Part of a simply supported uniform shaft's mass that moves with a disk at midspan, by Rayleigh's method with the static
-deflection line (Rao, Mechanical Vibrations, section 2.5)."""
+"""Part of a simply supported uniform shaft's mass that moves with a disk at midspan, by Rayleigh's method with the
+static deflection line (Rao, Mechanical Vibrations, section 2.5).
+"""
 
 
 def effective_mass(disk: Numbers, shaft: Numbers) -> Float[Array, "*dof"]:

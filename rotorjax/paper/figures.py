@@ -7,8 +7,8 @@ from rotorjax.data import signals
 from rotorjax.diagnosis.compensation import value_errors
 from rotorjax.diagnosis.features import vectors_of
 from rotorjax.paper.printed import SPEEDS
+from rotorjax.paper.schemes import mean_errors_printed, schemes
 from rotorjax.paper.study import FRACTION, Study
-from rotorjax.paper.tables import mean_errors_printed, schemes
 from rotorjax.reporting import plots
 from rotorjax.units import RPM
 
@@ -21,16 +21,33 @@ NOISE = 5e-6
 def figures(study: Study) -> dict[str, tuple[Figure, str]]:
     """File name -> figure and caption."""
     return {
-        "figure_04": (figure_04(study), "Figure 4: errors of the network as published on the noise-free test cases at 1500 rpm, in g mm and mm."),
-        "figure_07": (figure_07(study), "Figure 7: a simulated record (2 kHz, 5 µm noise per sample; the measured one is not public) and its phase picture."),
-        "figure_09": (figure_09(study), "Figure 9: self-compensation of the same-quadrant case at 1500 rpm, by Newton's method and by the paper's increments."),
-        "figure_10": (figure_10(study), "Figure 10: mean errors of the four cases, the paper's and ours; the last two with the tested case left out."),
+        "figure_04": (
+            figure_04(study),
+            "Figure 4: errors of the network as published on the noise-free test cases at 1500 rpm, in g mm and mm.",
+        ),
+        "figure_07": (
+            figure_07(study),
+            "Figure 7: a simulated record (2 kHz, 5 µm noise per sample; the measured one is not public) and its phase "
+            "picture.",
+        ),
+        "figure_09": (
+            figure_09(study),
+            "Figure 9: self-compensation of the same-quadrant case at 1500 rpm, by Newton's method and by the paper's "
+            "increments.",
+        ),
+        "figure_10": (
+            figure_10(study),
+            "Figure 10: mean errors of the four cases, the paper's and ours; the last two with the tested case left "
+            "out.",
+        ),
     }
 
 
 def figure_04(study: Study) -> Figure:
     """Errors over the test cases."""
-    found = (study.training_as_published.network.diagnose(study.test.features) - np.asarray(study.test.faults)) * np.array([1e6, 1e6, 1e3, 1e3])
+    found = (
+        study.training_as_published.network.diagnose(study.test.features) - np.asarray(study.test.faults)
+    ) * np.array([1e6, 1e6, 1e3, 1e3])
     drawn, axes = plots.figure(10.0, 5.4, 2, 2)
     for k, (ax, name) in enumerate(zip(axes, ("U_x, g mm", "U_y, g mm", "s_x, mm", "s_y, mm"), strict=True)):
         plots.error_cloud(ax, found[:, k], label=f"error of {name}", rms=float(np.sqrt(np.mean(found[:, k] ** 2))))
@@ -38,7 +55,9 @@ def figure_04(study: Study) -> Figure:
 
 
 def simulated_record(study: Study, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time [s], displacement of X and Y [m] and pulses [s] as the same-quadrant case would give at a slowly varying 1500 rpm."""
+    """Time [s], displacement of X and Y [m] and pulses [s] as the same-quadrant case would give at a slowly varying
+    1500 rpm.
+    """
     time = np.arange(int(SECONDS * RATE)) / RATE
     angle = SPEEDS[0] * RPM * (time + 2e-4 * np.sin(2.0 * np.pi * 0.4 * time)) - 0.3
     z = vectors_of(study.rebuilt[SPEEDS[0]].features[0])
@@ -64,7 +83,11 @@ def figure_09(study: Study) -> Figure:
     newton, loop = study.compensations[SPEEDS[0]][0], study.loop
     drawn, (axes,) = plots.figure(7.5, 3.8)
     label = f"increments of {100.0 * FRACTION:.3g} % ({loop.steps} steps)"
-    plots.convergence(axes, {f"Newton ({newton.steps} steps)": newton.errors.max(axis=1), label: loop.errors.max(axis=1)}, tolerance=1e-3)
+    plots.convergence(
+        axes,
+        {f"Newton ({newton.steps} steps)": newton.errors.max(axis=1), label: loop.errors.max(axis=1)},
+        tolerance=1e-3,
+    )
     return drawn
 
 
@@ -73,7 +96,10 @@ def figure_10(study: Study) -> Figure:
     drawn, axes = plots.figure(12.0, 6.6, 2, 2)
     for column, speed in enumerate(SPEEDS):
         ours, paper = schemes(study, speed), mean_errors_printed(speed)
-        means = {scheme: np.mean(value_errors(faults, study.rebuilt[speed].induced), axis=0) for scheme, faults in ours.items()}
+        means = {
+            scheme: np.mean(value_errors(faults, study.rebuilt[speed].induced), axis=0)
+            for scheme, faults in ours.items()
+        }
         for row, (parameters, unit) in enumerate((((0, 2), "%"), ((1, 3), "°"))):
             series = {"no compensation": [means["none"][k] for k in parameters]}
             series |= {f"{name}, paper": [paper[k][name] for k in parameters] for name in ("IFbC", "IFC")}
@@ -82,5 +108,7 @@ def figure_10(study: Study) -> Figure:
                 "gain, left out": [means["gain, left out"][k] for k in parameters],
             }
             names = [("U", "α", "s", "θ")[k] for k in parameters]
-            plots.grouped_bars(axes[2 * row + column], names, series, ylabel=f"mean error, {unit}").set_title(f"{speed:.0f} rpm" if row == 0 else "")
+            plots.grouped_bars(axes[2 * row + column], names, series, ylabel=f"mean error, {unit}").set_title(
+                f"{speed:.0f} rpm" if row == 0 else ""
+            )
     return drawn

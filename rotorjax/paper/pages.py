@@ -1,4 +1,6 @@
-"""Everything about the paper, written to a folder: a CSV file and a page per table, figures, and the audit at a glance."""
+"""Everything about the paper, written to a folder: a CSV file and a page per table, figures, and
+the audit at a glance.
+"""
 
 import tempfile
 from pathlib import Path
@@ -14,7 +16,8 @@ from rotorjax.paper.tables import every
 from rotorjax.reporting import plots
 
 SOURCE = (
-    "Huang, Pham, Nguyen, Chiu: *A Hybrid Diagnostic Framework with Compensation Algorithms for Inherent Rotor Faults Using Rotor Experiments*, "
+    "Huang, Pham, Nguyen, Chiu: *A Hybrid Diagnostic Framework with Compensation Algorithms for Inherent Rotor Faults "
+    "Using Rotor Experiments*, "
     "Sensors 2026, 26, 2565, [doi 10.3390/s26082565](https://doi.org/10.3390/s26082565), CC BY 4.0"
 )
 TITLE = "# The paper's tables, recomputed"
@@ -23,7 +26,9 @@ FIGURES = {"table_01": "figure_04", "table_04": "figure_07", "table_06": "figure
 
 
 def reproduce(study: Study, folder: Path) -> str:
-    """Compute everything, then write it. **Returns** a few lines on what was found. **Errors.** `InputError` if the folder cannot be made."""
+    """Compute everything, then write it. **Returns** a few lines on what was found. **Errors.** `InputError` if the
+    folder cannot be made.
+    """
     sheets = [*every(study), real_data()]
     found = errata(study)
     drawn = figures(study)
@@ -41,7 +46,9 @@ def reproduce(study: Study, folder: Path) -> str:
 
 
 def prepare(folder: Path) -> None:
-    """Make the folder. **Errors.** `InputError` if it cannot be made, or holds another README.md, which would be lost."""
+    """Make the folder. **Errors.** `InputError` if it cannot be made, or holds another README.md,
+    which would be lost.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -60,7 +67,9 @@ def prepare(folder: Path) -> None:
 
 def _summary(sheets: list[Sheet], found: list[Erratum]) -> str:
     lines = [f"{sheet.title}: {_tally(sheet)}" for sheet in sheets]
-    return "\n".join([*lines, f"Inconsistencies recomputed: {len(found)}, of which {sum(e.holds for e in found)} are confirmed."])
+    return "\n".join(
+        [*lines, f"Inconsistencies recomputed: {len(found)}, of which {sum(e.holds for e in found)} are confirmed."]
+    )
 
 
 def _tally(sheet: Sheet) -> str:
@@ -68,8 +77,13 @@ def _tally(sheet: Sheet) -> str:
 
 
 def _readme(sheets: list[Sheet], found: list[Erratum]) -> str:
-    rows = "\n".join(f"| [{sheet.title}]({sheet.name}.md) | [csv]({sheet.name}.csv) | {_tally(sheet)} |" for sheet in sheets)
-    listed = "\n".join(f"{k}. **{e.where}.** {e.text}{'' if e.holds else ' *(not confirmed by the recomputation)*'}" for k, e in enumerate(found, 1))
+    rows = "\n".join(
+        f"| [{sheet.title}]({sheet.name}.md) | [csv]({sheet.name}.csv) | {_tally(sheet)} |" for sheet in sheets
+    )
+    listed = "\n".join(
+        f"{k}. **{e.where}.** {e.text}{'' if e.holds else ' *(not confirmed by the recomputation)*'}"
+        for k, e in enumerate(found, 1)
+    )
     return f"""{TITLE}
 
 {SOURCE}.

@@ -12,9 +12,10 @@ from rotorjax.model.rotor import Jeffcott
 
 SPEEDS = (1500.0, 2500.0)
 """Speeds of the experiments [rpm]."""
+HALF_DIGIT = 0.0051
+"""Rounding of the printed values, in g mm, mm and degrees."""
 CASES = ("same-quadrant", "in-phase", "anti-phase", "perpendicular")
 PARAMETERS = ("U", "alpha", "s", "theta")
-UNITS = {"U": "g mm", "alpha": "degree", "s": "mm", "theta": "degree"}
 DIAGNOSED = {1500.0: "table04_diagnosis_1500rpm", 2500.0: "table05_diagnosis_2500rpm"}
 COMPENSATED = {1500.0: "table10_compensated_1500rpm", 2500.0: "table11_compensated_2500rpm"}
 INHERENT = {1500.0: "table08_inherent_1500rpm", 2500.0: "table09_inherent_2500rpm"}
@@ -22,7 +23,9 @@ INHERENT = {1500.0: "table08_inherent_1500rpm", 2500.0: "table09_inherent_2500rp
 
 def printed(name: str) -> list[dict[str, str]]:
     """Rows of one of the files in ``rotorjax/data/paper``."""
-    return list(csv.DictReader((files("rotorjax.data") / "paper" / f"{name}.csv").read_text(encoding="utf-8").splitlines()))
+    return list(
+        csv.DictReader((files("rotorjax.data") / "paper" / f"{name}.csv").read_text(encoding="utf-8").splitlines())
+    )
 
 
 def rotor() -> Jeffcott:

@@ -1,8 +1,9 @@
 """The paper's method on real measurements: the RK4 rotor kit, installed unbalance known, conditions kept back.
 
 The reference runs serve to find what is inherent; other runs, at the same speed and at another one, are then diagnosed.
-Slow roll was subtracted from these vectors and the axes are declared equally stiff, so that at one speed neither a bow nor the paper's 4 x 4
-map exists: what is diagnosed is the unbalance alone, two numbers from four features by least squares.
+Slow roll was subtracted from these vectors and the axes are declared equally stiff, so that at one speed neither a bow
+nor the paper's 4 x 4 map exists: what is diagnosed is the unbalance alone, two numbers from four features by least
+squares.
 """
 
 import dataclasses
@@ -88,7 +89,9 @@ def _pairs(z: np.ndarray) -> Float[np.ndarray, "case 2"]:
 
 
 def real_data() -> Sheet:
-    """Error of the diagnosed unbalance by scheme, for tested runs at the speed of the reference and at the other one."""
+    """Error of the diagnosed unbalance by scheme, for tested runs at the speed of the reference and at
+    the other one.
+    """
     with as_file(files("rotorjax.data") / "rk4") as folder:
         rig = read_rig(folder / "rig.toml")
         measurement = read_measurement(folder / "measurement.csv", rig)
@@ -103,32 +106,31 @@ def real_data() -> Sheet:
         for k, speed in enumerate(speeds):
             tested = ~known & (cluster == k)
             test = declared.of(tested)
-            found = diagnoses(declared.of(chosen), test) | {"joint least squares, physics": readings(joint, measurement).of(tested).found}
+            found = diagnoses(declared.of(chosen), test) | {
+                "joint least squares, physics": readings(joint, measurement).of(tested).found
+            }
             if name == "reference at both speeds":
                 found.pop("IFbC")
             for scheme, values in found.items():
                 error = np.sqrt(np.mean(np.sum((values - test.installed) ** 2, axis=1)))
                 share = 100.0 * error / np.sqrt(np.mean(np.sum(test.installed**2, axis=1)))
                 seen = "both" in name or f"{speed:.0f}" in name
-                rows.append(
-                    Row(
-                        f"{name}, tested at {speed:.0f} rpm",
-                        scheme,
-                        "g mm",
-                        None,
-                        error / GRAM_MILLIMETRE,
-                        "ours",
-                        "speed seen by the reference" if seen else "speed new",
-                        (share,),
-                    )
-                )
+                case, how = f"{name}, tested at {speed:.0f} rpm", "speed seen by the reference" if seen else "speed new"
+                rows.append(Row(case, scheme, "g mm", None, error / GRAM_MILLIMETRE, "ours", how, (share,)))
     gain, offset = _gain_and_offset(declared.of(known))
     text = (
-        "Root mean square error of the unbalance found in ten runs (B series) that were not used, by what eleven others (baseline and A series) teach, on measured vectors of an RK4 rotor kit "
-        "(M. Nouioua, KFUPM, MIT licence). Slow roll was subtracted and the axes are declared equally stiff: a bow cannot be diagnosed and the paper's 4 x 4 map is singular, so that each reading gives the unbalance "
-        "alone, by least squares with the declared rotor. At the speed of the reference IFbC and IFC are nearly the same (the speed varies a little from run to run). `joint least squares, physics` fits residual unbalance, phase reference and the values declared uncertain "
-        "to the reference runs (no knowledge of the tested ones), then diagnoses with that model and subtracts nothing else. "
-        f"This rotor has both an additive part, {abs(offset) / GRAM_MILLIMETRE:.0f} g mm, and a phase, a gain of {abs(gain):.2f} at {np.degrees(np.angle(gain)):.0f}°: taking off either one alone leaves most of the error, both together take it away."
+        "Root mean square error of the unbalance found in ten runs (B series) that were not used, by what eleven "
+        "others (baseline and A series) teach, on measured vectors of an RK4 rotor kit "
+        "(M. Nouioua, KFUPM, MIT licence). Slow roll was subtracted and the axes are declared equally stiff: a bow "
+        "cannot be diagnosed and the paper's 4 x 4 map is singular, so that each reading gives the unbalance "
+        "alone, by least squares with the declared rotor. At the speed of the reference IFbC and IFC are nearly the "
+        "same (the speed varies a little from run to run). `joint least squares, physics` fits residual unbalance, "
+        "phase reference and the values declared uncertain "
+        "to the reference runs (no knowledge of the tested ones), then diagnoses with that model and subtracts nothing "
+        "else. "
+        f"This rotor has both an additive part, {abs(offset) / GRAM_MILLIMETRE:.0f} g mm, and a phase, a gain of "
+        f"{abs(gain):.2f} at {np.degrees(np.angle(gain)):.0f}°: taking off either one alone leaves most of the error, "
+        "both together take it away."
     )
     return Sheet("real_rk4", "The method on real data: RK4 rotor kit", text, ("percent_of_installed",), tuple(rows))
 

@@ -1,4 +1,6 @@
-"""A table of the reproduction: the paper's value, ours, the difference, a verdict with its reason; as CSV and Markdown."""
+"""A table of the reproduction: the paper's value, ours, the difference, a verdict with its reason;
+as CSV and Markdown.
+"""
 
 import csv
 import io
@@ -6,9 +8,13 @@ import math
 from typing import Literal, NamedTuple
 
 Verdict = Literal["reproduced", "reproduced from rebuilt features", "not reproducible", "ours"]
+REBUILT: Verdict = "reproduced from rebuilt features"
+NOT: Verdict = "not reproducible"
 
 COLUMNS = ("case", "parameter", "unit", "paper", "ours", "difference")
 LAST = ("verdict", "reason")
+UNITS = {"U": "g mm", "alpha": "degree", "s": "mm", "theta": "degree"}
+"""Of the four values of a fault, in the paper's names."""
 ROUNDING = 1e-6
 """Share of a value that counts as rounding."""
 DIGITS = 6
@@ -29,6 +35,11 @@ class Row(NamedTuple):
     """Values of the sheet's further columns."""
 
 
+def our_row(case: str, parameter: str, value: float, reason: str, more: tuple[float | str | None, ...] = ()) -> Row:
+    """A value of a fault that the paper does not have."""
+    return Row(case, parameter, UNITS[parameter], None, value, "ours", reason, more)
+
+
 class Sheet(NamedTuple):
     """One table: file name without ending, title, what it shows, further columns, rows."""
 
@@ -46,7 +57,8 @@ class Sheet(NamedTuple):
         """Text of every row."""
         return [
             [
-                row.case, row.parameter, row.unit, *(figure(v, digits) for v in (row.paper, row.ours, _difference(row))),
+                row.case, row.parameter, row.unit,
+                *(figure(v, digits) for v in (row.paper, row.ours, _difference(row))),
                 *(v if isinstance(v, str) else figure(v, digits) for v in row.more), row.verdict, row.reason,
             ]
             for row in self.rows

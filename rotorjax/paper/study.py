@@ -19,7 +19,9 @@ from rotorjax.paper.printed import CASES, SPEEDS, Printed, diagnosed, rotor
 CASE_COUNT = 10_000
 """Cases of the paper's dataset."""
 FRACTION = 0.144
-"""Part of the missing correction that the paper's loop would add per iteration to need 38 of them from table 4's errors; it prints none."""
+"""Part of the missing correction that the paper's loop would add per iteration to need 38 of them from table 4's
+errors; it prints none.
+"""
 
 
 class Rebuilt(NamedTuple):
@@ -61,7 +63,10 @@ class Study:
     def networks(self) -> dict[float, FaultNetwork]:
         """Our default network at each speed."""
         self.progress("training our networks")
-        return {speed: train(self.data(speed).train, key=jax.random.key(self.seed), method=Whitened()).network for speed in SPEEDS}
+        return {
+            speed: train(self.data(speed).train, key=jax.random.key(self.seed), method=Whitened()).network
+            for speed in SPEEDS
+        }
 
     @cached_property
     def test(self) -> Dataset:
@@ -75,7 +80,14 @@ class Study:
         for speed in SPEEDS:
             cases: Printed = diagnosed(speed)
             jacobian = feature_map(rotor(), speed)[0]
-            found[speed] = Rebuilt(speed, cases.induced, cases.diagnosed, jacobian, cases.diagnosed @ jacobian.T, LinearInverse.at(rotor(), speed))
+            found[speed] = Rebuilt(
+                speed,
+                cases.induced,
+                cases.diagnosed,
+                jacobian,
+                cases.diagnosed @ jacobian.T,
+                LinearInverse.at(rotor(), speed),
+            )
         return found
 
     @cached_property
@@ -83,7 +95,9 @@ class Study:
         """Inherent faults of every case at each speed, found through the network."""
         self.progress("inherent faults by root finding")
         return {
-            speed: tuple(inherent_fault(self.networks[speed], r.features[k], r.induced[k], r.jacobian) for k in range(len(CASES)))
+            speed: tuple(
+                inherent_fault(self.networks[speed], r.features[k], r.induced[k], r.jacobian) for k in range(len(CASES))
+            )
             for speed, r in self.rebuilt.items()
         }
 

@@ -86,17 +86,26 @@ def assemble(model: Model, point: OperatingPoint) -> Assembled:
     rotor, omega = point.rotor, point.frequency
     path_damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
     mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
-    dynamic = path + 1j * omega * (path_damping + Matrix.of(added.damping)) + Matrix.of(added.stiffness) + (-(omega**2)) * mass
+    dynamic = (
+        path
+        + 1j * omega * (path_damping + Matrix.of(added.damping))
+        + Matrix.of(added.stiffness)
+        + (-(omega**2)) * mass
+    )
     once, constant = point.at_order(1.0), point.at_order(0.0)
     offset = Vector.of(driven.offset) + once * Vector.of(point.forward(point.bow))
     through = path + 1j * omega * path_damping if rotor.bow_through_damping else path
     installed = once * point.speed**2 * Vector.of(point.forward(jnp.sum(point.unbalance, axis=0)))
     weight = constant * mass.times(Vector.of(rotor.gravity))
-    return Assembled(dynamic, Vector.of(driven.force) + installed + weight + through.times(offset), path, compliance, offset)
+    return Assembled(
+        dynamic, Vector.of(driven.force) + installed + weight + through.times(offset), path, compliance, offset
+    )
 
 
 class Chain(NamedTuple):
-    """The measuring chain at one order: what it adds to and multiplies the motion by, and how it turns what comes out."""
+    """The measuring chain at one order: what it adds to and multiplies the motion by, and how it turns
+    what comes out.
+    """
 
     gain: Any
     runout: Any
@@ -105,7 +114,9 @@ class Chain(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, point: OperatingPoint) -> "Chain":
-        """All reading effects together, in their fixed order: direction, runout, gain, then delay and phase reference."""
+        """All reading effects together, in their fixed order: direction, runout, gain, then delay and
+        phase reference.
+        """
         readings = [e.reading(point) for e in model.effects if isinstance(e, ReadingEffect)]
         gain: Any = math.prod(r.gain for r in readings)
         total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))

@@ -1,7 +1,7 @@
 """Finding a steady state of which nothing is known: Newton's method, and paths that lead to where it does not.
 
-A path of steady states begins where one is at hand, without the restoring force, at rest or under a strong brake, and ends where
-all is as it is.
+A path of steady states begins where one is at hand, without the restoring force, at rest or under a strong brake, and
+ends where all is as it is.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from rotorjax.physics.harmonic_balance import NEWTON_STEPS, TOLERANCE, Coefficients, System, columns_of, inverse, moved_columns, size_of
+from rotorjax.physics.harmonic_balance import (
+    NEWTON_STEPS,
+    TOLERANCE,
+    Coefficients,
+    System,
+    columns_of,
+    inverse,
+    moved_columns,
+    size_of,
+)
 
 FIRST_PART, SMALLEST_PART = 0.25, 1.0 / 64.0
 """Of what is let in where Newton's method does not converge at once."""
@@ -65,13 +74,16 @@ class _Path(NamedTuple):
 def search(system: System) -> Coefficients:
     """A steady state from nothing known, or not a number. Not to be differentiated.
 
-    Newton's method from the free motion. Where that does not converge, the restoring force is let in by parts from the free motion; where
-    that leads nowhere, the excitation from rest; where that does neither, a strong brake is taken off. Where no part is small enough, the path
-    of steady states turns back, as it does where resonance curves lean over and where a stop is met: it is followed by its arc length
-    (Keller 1977, in Applications of Bifurcation Theory, Academic Press, 359-384).
+    Newton's method from the free motion. Where that does not converge, the restoring force is let in by parts from the
+    free motion; where that leads nowhere, the excitation from rest; where that does neither, a strong brake is taken
+    off. Where no part is small enough, the path of steady states turns back, as it does where resonance curves lean
+    over and where a stop is met: it is followed by its arc length (Keller 1977, in Applications of Bifurcation Theory,
+    Academic Press, 359-384).
     """
     begin = _begun(system, jnp.zeros((), int))._replace(share=jnp.ones(()))
-    found = jax.lax.while_loop(lambda path: ~path.ended & (path.number < len(BEGINNINGS)), lambda path: _advanced(system, path), begin)
+    found = jax.lax.while_loop(
+        lambda path: ~path.ended & (path.number < len(BEGINNINGS)), lambda path: _advanced(system, path), begin
+    )
     return jnp.where(found.ended, found.motion * size_of(system), jnp.nan)
 
 
@@ -83,7 +95,9 @@ def _begun(system: System, number: Array) -> _Path:
 
 
 def _across(system: System, path: _Path) -> tuple[_Path, Array]:
-    """The steady state on the plane through a point across its direction, with the direction of the path there; and whether there is one."""
+    """The steady state on the plane through a point across its direction, with the direction of the path there; and
+    whether there is one.
+    """
     size, least = size_of(system), Shares(*jnp.asarray(BEGINNINGS)[path.number])
     more = Shares(*(whole - part for whole, part in zip(WHOLE, least, strict=True)))
 
@@ -104,7 +118,9 @@ def _across(system: System, path: _Path) -> tuple[_Path, Array]:
         return motion + moved, share + let_in, jnp.maximum(jnp.max(jnp.abs(moved)), jnp.abs(let_in)), count + 1, slope
 
     begin = (path.motion, path.share, jnp.asarray(jnp.inf), jnp.asarray(0), path.motion)
-    motion, share, change, _, slope = jax.lax.while_loop(lambda s: (s[3] < NEWTON_STEPS) & (s[2] > TOLERANCE), step, begin)
+    motion, share, change, _, slope = jax.lax.while_loop(
+        lambda s: (s[3] < NEWTON_STEPS) & (s[2] > TOLERANCE), step, begin
+    )
     onward = jnp.where(path.rise < jnp.sum(path.along * slope), -1.0, 1.0) / jnp.sqrt(jnp.sum(slope**2) + 1.0)
     return path._replace(motion=motion, share=share, along=-onward * slope, rise=onward), change <= TOLERANCE
 
@@ -121,8 +137,17 @@ def _advanced(system: System, path: _Path) -> _Path:
     more = jnp.where(path.length > 0.0, LARGER_PART * path.length, FIRST_PART)
     longer = jnp.where(path.arc, jnp.minimum(LONGER_ARC * path.length, LONGEST_ARC), more)
     shorter = jnp.where(path.arc, SHORTER_ARC, SMALLER_PART) * path.length
-    after = there._replace(length=longer, ended=last).kept(good, path._replace(length=shorter))._replace(tried=path.tried + 1)
+    after = (
+        there._replace(length=longer, ended=last)
+        .kept(good, path._replace(length=shorter))
+        ._replace(tried=path.tried + 1)
+    )
     turns = ~path.arc & (after.length < SMALLEST_PART)
     after = after._replace(arc=path.arc | turns, length=jnp.where(turns, FIRST_ARC, after.length))
-    lost = ~after.ended & ((after.length < SHORTEST_ARC) | (after.tried >= MOST_ARCS) | (after.share < -FIRST_ARC) | (~good & (path.length == 0.0)))
+    lost = ~after.ended & (
+        (after.length < SHORTEST_ARC)
+        | (after.tried >= MOST_ARCS)
+        | (after.share < -FIRST_ARC)
+        | (~good & (path.length == 0.0))
+    )
     return _begun(system, path.number + 1).kept(lost, after)

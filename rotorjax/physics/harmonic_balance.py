@@ -19,18 +19,24 @@ from jaxtyping import Complex, Float, Int
 from rotorjax.errors import InputError
 
 LEAST_ORDER, MARGIN = 7, 4
-"""Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one measured."""
+"""Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one
+measured.
+"""
 FINE_ORDER = 24
 """Orders up to 24X are balanced in the steps that end it: a hard stop needs them, but Newton's method not."""
 SAMPLES, FINE_SAMPLES = 64, 256
-"""Instants per turn of the shaft, while a motion is looked for, and in the steps that end it: corners fall between instants."""
+"""Instants per turn of the shaft, while a motion is looked for, and in the steps that end it: corners fall between
+instants.
+"""
 PARTS = (1, 2, 3, 4)
 """A period may be this many turns, for orders 1/2, 1/3, 1/4."""
 TOLERANCE = 1e-6
 """Of the last change but one, relative to the size of the motion: Newton's method squares it."""
 NEWTON_STEPS = 12
 CORRECTIONS, DIVERGES = 24, 4.0
-"""Most steps with the last Jacobian at more orders and instants, and how much larger than the smallest so far one may be."""
+"""Most steps with the last Jacobian at more orders and instants, and how much larger than the smallest so far one may
+be.
+"""
 SMALLEST_MOTION = 1e-9
 """Size [m] below which a motion counts as rest when tolerances are set."""
 BALANCED, NOT_BALANCED, UNSTABLE = 0, 1, 2
@@ -81,11 +87,14 @@ class Grid(NamedTuple):
         weight = np.where(np.arange(2 * len(self.orders) - 1) == 0, 1.0, 2.0) / (self.samples * self.turns)
         return (self.synthesis(self.angle) * weight[:, None]).T
 
-    def products(self) -> tuple[Float[np.ndarray, "instant mode"], Float[np.ndarray, "kind mode coefficient coefficient"]]:
-        """From slopes at instants to a Jacobian: analysis of the b-th coefficient times synthesis of the c-th, for position and for velocity.
+    def products(
+        self,
+    ) -> tuple[Float[np.ndarray, "instant mode"], Float[np.ndarray, "kind mode coefficient coefficient"]]:
+        """From slopes at instants to a Jacobian: analysis of the b-th coefficient times synthesis of the c-th, for
+        position and for velocity.
 
-        As products of two waveforms of orders up to n have orders up to 2n only, in two factors: instants to orthonormal waveforms of those
-        orders, if they are fewer, and these to coefficients.
+        As products of two waveforms of orders up to n have orders up to 2n only, in two factors: instants to
+        orthonormal waveforms of those orders, if they are fewer, and these to coefficients.
         """
         angle, orders = self.angle, range(2 * len(self.orders) - 1)
         modes = np.eye(len(angle))
@@ -105,7 +114,10 @@ def make_grid(orders: tuple[float, ...]) -> Grid:
     turns = next((k for k in PARTS if all(abs(order * k - round(order * k)) < 1e-9 for order in orders)), None)
     if turns is None:
         shown = ", ".join(f"{order:g}" for order in orders)
-        raise InputError(f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4; leave the others out")
+        raise InputError(
+            f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4; leave "
+            "the others out"
+        )
     highest = max(LEAST_ORDER, math.ceil(max(orders)) + MARGIN)
     return Grid(tuple(k / turns for k in range(highest * turns + 1)), turns)
 
@@ -204,7 +216,8 @@ def _newton(system: System, start: Coefficients, tolerance: Array) -> Root:
 def inverse(matrix: Float[Array, "unknown unknown"]) -> Float[Array, "unknown unknown"]:
     """Inverse by Gauss-Jordan elimination in place, without pivoting: 1 + L N' has its weight on the diagonal.
 
-    LAPACK's, called for a batch from within nested loops, was seen to wait for threads that never come (jax 0.10.2, two cores).
+    LAPACK's, called for a batch from within nested loops, was seen to wait for threads that never come (jax 0.10.2, two
+    cores).
     """
     index = jnp.arange(len(matrix))
 
@@ -229,11 +242,12 @@ def _tolerance(system: System) -> Array:
 
 
 def balance(system: System, frozen: System, finer: System, start: Coefficients) -> Balance:
-    """Solve y = L(F - N(y)) by Newton's method from a start near by; differentiable once, by the implicit function theorem.
+    """Solve y = L(F - N(y)) by Newton's method from a start near by; differentiable once, by the implicit function
+    theorem.
 
-    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p; it and a few more see what few instants and orders
-    miss of a corner. **Arguments:** ``frozen``: the same equations without derivatives by parameters; ``finer``: these with more orders and
-    instants.
+    One more step, with the last Jacobian, has the derivative -J⁻¹ L ∂(D y + N - F)/∂p; it and a few more see what few
+    instants and orders miss of a corner. **Arguments:** ``frozen``: the same equations without derivatives by
+    parameters; ``finer``: these with more orders and instants.
     """
     root = _newton(frozen, start, _tolerance(frozen))
     point = jnp.where(root.good, root.point, 0.0)
@@ -260,7 +274,8 @@ def in_full(finer: System, motion: Coefficients) -> Float[Array, "dof wide"]:
 
 
 def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: Array) -> Coefficients:
-    """A motion made to balance at the orders and instants of ``finer``, as long as that leads on; of it the orders that it had.
+    """A motion made to balance at the orders and instants of ``finer``, as long as that leads on; of it the orders that
+    it had.
 
     By the inverse of a Jacobian of these orders; those above follow the force, which their inertia withstands.
     """
@@ -272,11 +287,19 @@ def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: A
         change = jnp.concatenate([(by_miss @ miss[:, :count].ravel()).reshape(motion.shape), miss[:, count:]], axis=1)
         size = jnp.max(jnp.abs(change))
         point = point - change
-        return point, jnp.where(size < smallest, point, best), jnp.minimum(size, smallest), size < DIVERGES * smallest, made + 1
+        return (
+            point,
+            jnp.where(size < smallest, point, best),
+            jnp.minimum(size, smallest),
+            size < DIVERGES * smallest,
+            made + 1,
+        )
 
     wide = _widened(motion, finer)
     begin = (wide, wide, jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
-    return jax.lax.while_loop(lambda state: state[3] & (state[2] > tolerance) & (state[4] < CORRECTIONS), step, begin)[1][:, :count]
+    return jax.lax.while_loop(lambda state: state[3] & (state[2] > tolerance) & (state[4] < CORRECTIONS), step, begin)[
+        1
+    ][:, :count]
 
 
 def settled(system: System, start: Coefficients, finer: System | None = None) -> Coefficients:

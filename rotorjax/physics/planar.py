@@ -1,4 +1,6 @@
-"""2x2 linear algebra by components: under ``vmap`` each component is one long vector, eight times faster than (2, 2) arrays."""
+"""2x2 linear algebra by components: under ``vmap`` each component is one long vector, eight times faster than (2, 2)
+arrays.
+"""
 
 import dataclasses
 from typing import Any
@@ -45,7 +47,11 @@ class Matrix:
     @classmethod
     def of(cls, array: Inexact[Array, "dof dof"] | float) -> "Matrix":
         """From an array; zero from the number zero."""
-        return cls(0.0, 0.0, 0.0, 0.0) if isinstance(array, float | int) else cls(array[0, 0], array[0, 1], array[1, 0], array[1, 1])
+        return (
+            cls(0.0, 0.0, 0.0, 0.0)
+            if isinstance(array, float | int)
+            else cls(array[0, 0], array[0, 1], array[1, 0], array[1, 1])
+        )
 
     @classmethod
     def diagonal(cls, x: Any, y: Any) -> "Matrix":

@@ -50,7 +50,9 @@ def read(bends: Sequence[BendOf], grid: Grid, index: Sequence[int], sensed: Sens
     """What the probes show at some orders of the grid; that of order 0 is real."""
     amplitudes = sensed.amplitudes
     if bends:
-        waves = jax.vmap(functools.partial(_bent, bends, sensed.own), in_axes=1, out_axes=1)(waveform(amplitudes, grid, grid.angle))
+        waves = jax.vmap(functools.partial(_bent, bends, sensed.own), in_axes=1, out_axes=1)(
+            waveform(amplitudes, grid, grid.angle)
+        )
         analysis = grid.analysis()
         # Of order 0 there is no imaginary part.
         imaginary = np.concatenate([np.zeros((len(analysis), 1)), analysis[:, 2::2]], axis=1)
@@ -68,10 +70,11 @@ def read_rows(
     moved: Sensed,
     by_motion: Float[Array, "row dof probe coefficient coefficient"],
 ) -> Read:
-    """Readings of many rows; where nothing bends the waveform in any of them, and nothing begins to, every order stays by itself.
+    """Readings of many rows; where nothing bends the waveform in any of them, and nothing begins to, every order stays
+    by itself.
 
-    **Arguments:** ``sensed`` with a leading axis that counts rows; ``moved``: changes of it with a further one that counts columns;
-    ``by_motion``: how the amplitudes change with the motion, as coefficients by coefficients.
+    **Arguments:** ``sensed`` with a leading axis that counts rows; ``moved``: changes of it with a further one that
+    counts columns; ``by_motion``: how the amplitudes change with the motion, as coefficients by coefficients.
     """
 
     def rows(bends: Sequence[BendOf], sensed: Sensed, moved: Sensed, by_motion: Array) -> Read:
@@ -83,10 +86,14 @@ def read_rows(
     return jax.lax.cond(present, functools.partial(rows, bends), functools.partial(rows, ()), sensed, moved, by_motion)
 
 
-def _row(bends: Sequence[BendOf], grid: Grid, index: Sequence[int], sensed: Sensed, moved: Sensed, by_motion: Array) -> Read:
+def _row(
+    bends: Sequence[BendOf], grid: Grid, index: Sequence[int], sensed: Sensed, moved: Sensed, by_motion: Array
+) -> Read:
     shown, push = jax.linearize(functools.partial(read, bends, grid, index), sensed)
     analysis, complete = grid.analysis(), _complete(index)
-    parts = np.stack([analysis[:, [max(2 * k - 1, 0) for k in index]], analysis[:, [2 * k for k in index]] * complete], axis=-1)
+    parts = np.stack(
+        [analysis[:, [max(2 * k - 1, 0) for k in index]], analysis[:, [2 * k for k in index]] * complete], axis=-1
+    )
     synthesis = grid.synthesis(grid.angle)
     if bends:
         waves = waveform(sensed.amplitudes, grid, grid.angle)

@@ -41,7 +41,9 @@ def _timed_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe
     return timed_vectors(model, condition)[0]
 
 
-def _case(model: Model, condition: Conditions, vectors_of: Callable[[Model, Conditions], Complex[Array, "probe order"]]) -> Complex[Array, "probe order"]:
+def _case(
+    model: Model, condition: Conditions, vectors_of: Callable[[Model, Conditions], Complex[Array, "probe order"]]
+) -> Complex[Array, "probe order"]:
     """One case, less what it shows at slow roll where that was subtracted."""
     if model.slow_roll is None:
         return vectors_of(model, condition)
@@ -59,10 +61,16 @@ def vectors(model: Model, conditions: Conditions) -> Complex[Array, "case probe 
 
 
 def _by_few(of_case: Callable[..., Any], cases: Any) -> Any:
-    """A function of one case at all cases, a few at a time: together, all would wait for the slowest of Newton's iterations."""
+    """A function of one case at all cases, a few at a time: together, all would wait for the slowest of Newton's
+    iterations.
+    """
     count = len(jax.tree.leaves(cases)[0])
     more = -count % TOGETHER
-    filled = jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.repeat(leaf[-1:], more, axis=0)]), cases) if more else cases
+    filled = (
+        jax.tree.map(lambda leaf: jnp.concatenate([leaf, jnp.repeat(leaf[-1:], more, axis=0)]), cases)
+        if more
+        else cases
+    )
     return jax.tree.map(lambda leaf: leaf[:count], jax.lax.map(of_case, filled, batch_size=TOGETHER))
 
 
@@ -77,8 +85,8 @@ def response(model: Model | AbstractRotor, conditions: Conditions) -> Complex[Ar
     z_n = reading(D_n⁻¹ F_n), D_n = K_p + inΩC + K_disk - (nΩ)²M; less the same at slow roll where the model says
     that slow roll was subtracted. Differentiable in every number of model and conditions.
 
-    **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** shape (case, probe, order), orders
-    as in ``model.layout.orders``. Without damping the response at a critical speed is infinite.
-    Source: Huang et al. 2026, Sensors 26:2565, equations 1-9; Genta, Dynamics of Rotating Systems, 2005, chapter 2.
+    **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** shape (case, probe,
+    order), orders as in ``model.layout.orders``. Without damping the response at a critical speed is infinite. Source:
+    Huang et al. 2026, Sensors 26:2565, equations 1-9; Genta, Dynamics of Rotating Systems, 2005, chapter 2.
     """
     return vectors(model if isinstance(model, Model) else Model(model), conditions)

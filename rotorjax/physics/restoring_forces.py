@@ -1,6 +1,7 @@
 """Forces that depend on motion, as coefficients of their orders along a motion, and the slopes of those.
 
-Alternating frequency and time: the motion is put together at instants of one period, the force is taken there, and analysed.
+Alternating frequency and time: the motion is put together at instants of one period, the force is taken there, and
+analysed.
 """
 
 import functools
@@ -38,7 +39,9 @@ class Inputs(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What the force of an effect at one instant has derivatives by; as an array of many, the last axis counts instants."""
+    """What the force of an effect at one instant has derivatives by; as an array of many, the last axis counts
+    instants.
+    """
 
     position: Float[Array, "dof"]
     velocity: Float[Array, "dof"]
@@ -69,12 +72,16 @@ def moments_of(inputs: Inputs, grid: Grid, angle: Float[np.ndarray, "instant"] |
     return Moment(inputs.motion @ synthesis, inputs.speed * inputs.motion @ rate, bow, inputs.speed)
 
 
-def _waves_of(amplitudes: Vector, grid: Grid, angle: Float[np.ndarray, "instant"]) -> tuple[Float[Array, "instant"], Float[Array, "instant"]]:
+def _waves_of(
+    amplitudes: Vector, grid: Grid, angle: Float[np.ndarray, "instant"]
+) -> tuple[Float[Array, "instant"], Float[Array, "instant"]]:
     """Both directions at shaft angles."""
     return waveform(amplitudes.x, grid, angle), waveform(amplitudes.y, grid, angle)
 
 
-def waveform(amplitudes: Complex[Array, "*many order"], grid: Grid, angle: Float[np.ndarray, "instant"]) -> Float[Array, "*many instant"]:
+def waveform(
+    amplitudes: Complex[Array, "*many order"], grid: Grid, angle: Float[np.ndarray, "instant"]
+) -> Float[Array, "*many instant"]:
     """Re Σ a_n e^{inφ} at shaft angles."""
     phase = np.outer(grid.order_array, angle)
     return amplitudes.real @ jnp.asarray(np.cos(phase)) - amplitudes.imag @ jnp.asarray(np.sin(phase))
@@ -95,16 +102,22 @@ def coefficients_of(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, r
 
 
 @functools.partial(coefficients_of.defjvp, symbolic_zeros=True)
-def _(effects: tuple[EffectOf, ...], grid: Grid, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Array, Array]:
+def _(
+    effects: tuple[EffectOf, ...], grid: Grid, primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[Array, Array]:
     inputs, rotor = primals
     moved: Inputs = tangents[0]
     synthesis, rate = (jnp.asarray(m) for m in (grid.synthesis(grid.angle), grid.slope(grid.angle)))
     by = _by_moment(effects, grid, inputs, rotor)
     change = jnp.zeros((2, len(grid.angle)))
     if not _is_zero(moved.motion):
-        change += _along(by.position, *(moved.motion @ synthesis)) + _along(by.velocity, *(inputs.speed * moved.motion @ rate))
+        change += _along(by.position, *(moved.motion @ synthesis)) + _along(
+            by.velocity, *(inputs.speed * moved.motion @ rate)
+        )
     if not (_is_zero(moved.bow.x) and _is_zero(moved.bow.y)):
-        bow = jax.tree.map(lambda t, value: jnp.zeros_like(value) if _is_zero(t) else t, moved.bow, inputs.bow, is_leaf=_is_zero)
+        bow = jax.tree.map(
+            lambda t, value: jnp.zeros_like(value) if _is_zero(t) else t, moved.bow, inputs.bow, is_leaf=_is_zero
+        )
         change += _along(by.bow, *_waves_of(bow, grid, grid.angle))
     if not _is_zero(moved.speed):
         change += (_along(by.velocity, *(inputs.motion @ rate)) + by.speed) * moved.speed
@@ -125,7 +138,9 @@ def _(effects: tuple[EffectOf, ...], grid: Grid, primals: tuple[Any, ...], tange
 
 def _at_instants(of_instant: Callable[..., Any], grid: Grid, inputs: Inputs, own: Any) -> Any:
     """Something of own parameters, moment and angle at every instant of the grid; the last axis counts those."""
-    return jax.vmap(of_instant, in_axes=(None, EVERY, -1), out_axes=-1)(own, moments_of(inputs, grid), jnp.asarray(grid.angle))
+    return jax.vmap(of_instant, in_axes=(None, EVERY, -1), out_axes=-1)(
+        own, moments_of(inputs, grid), jnp.asarray(grid.angle)
+    )
 
 
 def _by_moment(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor) -> Moment:
@@ -133,19 +148,29 @@ def _by_moment(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor:
     return _at_instants(jax.jacfwd(sum_of(effects, rotor), argnums=1), grid, inputs, inputs.own)
 
 
-def _by_own(effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor, k: int) -> Float[Array, "dof param coefficient"]:
-    """Derivatives of the coefficients of one force by its own parameters: analysed once for all directions in which they are wanted."""
+def _by_own(
+    effects: tuple[EffectOf, ...], grid: Grid, inputs: Inputs, rotor: AbstractRotor, k: int
+) -> Float[Array, "dof param coefficient"]:
+    """Derivatives of the coefficients of one force by its own parameters: analysed once for all directions in which
+    they are wanted.
+    """
     single = sum_of(effects[k : k + 1], rotor)
     by_own = jax.jacfwd(lambda own, at, angle: single((own,), at, angle))
     return _at_instants(by_own, grid, inputs, inputs.own[k]) @ jnp.asarray(grid.analysis())
 
 
-def _along(slopes: Float[Array, "dof dof instant"], x: Float[Array, "instant"], y: Float[Array, "instant"]) -> Float[Array, "dof instant"]:
+def _along(
+    slopes: Float[Array, "dof dof instant"], x: Float[Array, "instant"], y: Float[Array, "instant"]
+) -> Float[Array, "dof instant"]:
     return slopes[:, 0] * x[None] + slopes[:, 1] * y[None]
 
 
-def forces_of_rows(effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, inputs: Inputs) -> Float[Array, "row dof coefficient"]:
-    """Coefficients of the sum of all forces in many rows; an effect that is at its null in all of them is passed over."""
+def forces_of_rows(
+    effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, inputs: Inputs
+) -> Float[Array, "row dof coefficient"]:
+    """Coefficients of the sum of all forces in many rows; an effect that is at its null in all of them
+    is passed over.
+    """
     total = jnp.zeros((len(inputs.motion), 2, len(grid.angle)))
     for k, effect in enumerate(effects):
 
@@ -166,18 +191,23 @@ class ForceSlopes(NamedTuple):
     """With changes of parameters, of speed and of bow, the motion left as it is."""
 
 
-def force_slopes(effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, inputs: Inputs, moved: Inputs) -> ForceSlopes:
+def force_slopes(
+    effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, inputs: Inputs, moved: Inputs
+) -> ForceSlopes:
     """Forces of many rows, with all their slopes from one evaluation at every instant.
 
-    An effect that is at its null in all rows and stays there is passed over. **Arguments:** ``inputs`` with a leading axis that counts
-    rows; ``moved``: changes of them with a further one that counts columns, if there are any, but for the motion.
+    An effect that is at its null in all rows and stays there is passed over. **Arguments:** ``inputs`` with a leading
+    axis that counts rows; ``moved``: changes of them with a further one that counts columns, if there are any, but for
+    the motion.
     """
     shape = (*moved.speed.shape, 2, inputs.motion.shape[-1])
     total = (_nothing(inputs, grid), jnp.zeros(shape))
     for k, effect in enumerate(effects):
         present = jnp.any(inputs.own[k] != 0.0) | jnp.any(moved.own[k] != 0.0)
         add = functools.partial(_with_effect, effect, rotor, grid)
-        total = jax.lax.cond(present, add, lambda total, *_: total, total, inputs._replace(own=(inputs.own[k],)), moved.own[k])
+        total = jax.lax.cond(
+            present, add, lambda total, *_: total, total, inputs._replace(own=(inputs.own[k],)), moved.own[k]
+        )
     at, by_own = total
 
     def row(inputs: Inputs, at: _AtInstants, moved: Inputs) -> tuple[Array, Array, Array]:
@@ -188,7 +218,11 @@ def force_slopes(effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, 
         def change(faster: Array, bow: Vector) -> Array:
             return (_along(at.by.bow, *_waves_of(bow, grid, grid.angle)) + speed * faster) @ analysis
 
-        return at.force @ analysis, by_motion, jax.vmap(change)(moved.speed, moved.bow) if shape[1] else jnp.zeros(shape[1:])
+        return (
+            at.force @ analysis,
+            by_motion,
+            jax.vmap(change)(moved.speed, moved.bow) if shape[1] else jnp.zeros(shape[1:]),
+        )
 
     force, by_motion, change = jax.vmap(row)(inputs._replace(own=()), at, moved._replace(own=()))
     return ForceSlopes(force, by_motion, change + by_own)
@@ -202,18 +236,32 @@ class _AtInstants(NamedTuple):
 
 
 def _nothing(inputs: Inputs, grid: Grid) -> _AtInstants:
-    zero, one = jnp.zeros((len(inputs.motion), 2, len(grid.angle))), jnp.zeros((len(inputs.motion), 2, 2, len(grid.angle)))
+    zero, one = (
+        jnp.zeros((len(inputs.motion), 2, len(grid.angle))),
+        jnp.zeros((len(inputs.motion), 2, 2, len(grid.angle))),
+    )
     return _AtInstants(zero, Moment(one, one, one, zero))
 
 
 def _with_effect(
-    effect: EffectOf, rotor: AbstractRotor, grid: Grid, total: tuple[_AtInstants, Array], inputs: Inputs, moved: Float[Array, "row column param"]
+    effect: EffectOf,
+    rotor: AbstractRotor,
+    grid: Grid,
+    total: tuple[_AtInstants, Array],
+    inputs: Inputs,
+    moved: Float[Array, "row column param"],
 ) -> tuple[_AtInstants, Array]:
-    """The total, one effect added. **Arguments:** ``inputs`` with the parameters of that one alone; ``moved``: their changes."""
+    """The total, one effect added. **Arguments:** ``inputs`` with the parameters of that one alone; ``moved``: their
+    changes.
+    """
 
     def row(inputs: Inputs, moved: Array) -> tuple[Array, Moment, Array]:
         force = _at_instants(sum_of((effect,), rotor), grid, inputs, inputs.own)
-        by_own = jnp.einsum("dpb,cp->cdb", _by_own((effect,), grid, inputs, rotor, 0), moved) if len(moved) else jnp.zeros((0, *inputs.motion.shape))
+        by_own = (
+            jnp.einsum("dpb,cp->cdb", _by_own((effect,), grid, inputs, rotor, 0), moved)
+            if len(moved)
+            else jnp.zeros((0, *inputs.motion.shape))
+        )
         return force, _by_moment((effect,), grid, inputs, rotor), by_own
 
     force, by, change = jax.vmap(row)(inputs, moved)
@@ -224,7 +272,9 @@ def _is_zero(tangent: Any) -> bool:
     return isinstance(tangent, SymbolicZero)
 
 
-def analysed(slopes: Float[Array, "dof kind dof instant"], grid: Grid) -> Float[Array, "dof coefficient dof coefficient"]:
+def analysed(
+    slopes: Float[Array, "dof kind dof instant"], grid: Grid
+) -> Float[Array, "dof coefficient dof coefficient"]:
     """From slopes at instants, by position and by velocity, to those of the coefficients."""
     modes, products = (jnp.asarray(m) for m in grid.products())
     return jnp.einsum("ikjm,kmbc->ibjc", slopes @ modes, products[: slopes.shape[1]])

@@ -1,8 +1,8 @@
 """Whether the steady state that `response` shows is stable, and whether there are others at the same speed.
 
-A small disturbance δ of a periodic motion obeys M δ̈ + (C + N_v(t)) δ̇ + (K + N_q(t)) δ = 0 with the slopes N_q, N_v of the restoring
-forces along it; after one period it is the monodromy matrix times what it was, and the eigenvalues of that are the Floquet
-multipliers (Nayfeh, Balachandran, Applied Nonlinear Dynamics, Wiley 1995, chapter 3).
+A small disturbance δ of a periodic motion obeys M δ̈ + (C + N_v(t)) δ̇ + (K + N_q(t)) δ = 0 with the slopes N_q, N_v of
+the restoring forces along it; after one period it is the monodromy matrix times what it was, and the eigenvalues of
+that are the Floquet multipliers (Nayfeh, Balachandran, Applied Nonlinear Dynamics, Wiley 1995, chapter 3).
 """
 
 import dataclasses
@@ -44,8 +44,9 @@ from rotorjax.units import RPM
 SELF_EXCITING = ("cross_coupling", "internal_damping")
 """Effects of the linear rotor that may make it unstable."""
 GROWTH, LINEAR_GROWTH = 1e-3, 1e-4
-"""Of a disturbance in one period, up to which a motion counts as stable: forces with corners leave errors of the first size; the second is for
-models without forces that depend on motion. A rotor without damping has multipliers of one."""
+"""Of a disturbance in one period, up to which a motion counts as stable: forces with corners leave errors of the first
+size; the second is for models without forces that depend on motion. A rotor without damping has multipliers of one.
+"""
 SWEEPS = (0.6, 1.5)
 """Where the steady state is followed from, in the speed of the condition: from below and from above."""
 BELOW_RESONANCE = 0.8
@@ -55,7 +56,9 @@ STEPS = 40
 STARTS = (0.0, 0.3, 3.0)
 """Sizes of the free motion from which Newton's method begins at the condition itself."""
 PUSHES, PHASES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0), (0.4, 0.4 + 0.5 * math.pi)
-"""Sizes, in the vibration of the free motion, and phases [rad] of motions at the lowest fraction of an order with which Newton's method begins besides."""
+"""Sizes, in the vibration of the free motion, and phases [rad] of motions at the lowest fraction of an order with which
+Newton's method begins besides.
+"""
 WHIRLS = ((1.0, -1.0j), (1.0, 1.0j), (1.0, 0.1j), (0.1j, 1.0))
 """Directions of these: either sense of whirl, nearly along x, nearly along y."""
 DISTINCT = 1e-3
@@ -69,7 +72,8 @@ TERMS, HALVINGS = 10, 8
 FURTHER = 1.2
 """Times the motion shown where it is unstable, from which the rotor is let go in time."""
 NEAR = 0.03
-"""Part of its size that may lie between a motion reached in time and the steady state that Newton's method makes of it."""
+"""Part of its size that may lie between a motion reached in time and the steady state that Newton's method makes of it.
+"""
 BATCH = 8
 """Cases that are followed in time at once."""
 GAUSS = 0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0
@@ -98,10 +102,13 @@ class SteadyStates(NamedTuple):
     vectors: Complex[np.ndarray, "case probe order"]
     """The same as from `response` [m]."""
     result: Int[np.ndarray, "case"]
-    """BALANCED (0), NOT_BALANCED (1: no steady state was found) or UNSTABLE (2: the machine does not stay there), of `rotorjax.physics.harmonic_balance`."""
+    """BALANCED (0), NOT_BALANCED (1: no steady state was found) or UNSTABLE (2: the machine does not stay there), of
+    `rotorjax.physics.harmonic_balance`.
+    """
     multiplier: Float[np.ndarray, "case"]
-    """Largest absolute Floquet multiplier over one period of the motion; not a number where none was found, or where an effect depends on
-    frequency in a way that no equation of motion in time has."""
+    """Largest absolute Floquet multiplier over one period of the motion; not a number where none was found, or where an
+    effect depends on frequency in a way that no equation of motion in time has.
+    """
     others: tuple[tuple[SteadyState, ...], ...]
     """Per case further steady states at the same speed, stable ones first."""
 
@@ -113,12 +120,23 @@ class SteadyStates(NamedTuple):
             (missing & (stable == 0), "no steady state was found"),
             (missing & (stable > 0), "no steady state is shown, but following it from other speeds found a stable one"),
             (unstable & (stable == 0), "the steady state is unstable: the machine does not stay there"),
-            (unstable & (stable > 0), "the steady state shown is unstable, but a stable one exists: the machine may run there instead"),
-            (good & (stable == 1), "there are two stable steady states; which one is reached depends on how the speed was reached"),
-            (good & (stable > 1), "there are three or more stable steady states; which one is reached depends on how the speed was reached"),
+            (
+                unstable & (stable > 0),
+                "the steady state shown is unstable, but a stable one exists: the machine may run there instead",
+            ),
+            (
+                good & (stable == 1),
+                "there are two stable steady states; which one is reached depends on how the speed was reached",
+            ),
+            (
+                good & (stable > 1),
+                "there are three or more stable steady states; which one is reached depends on how the speed was "
+                "reached",
+            ),
             (
                 good & np.isnan(self.multiplier),
-                "whether the steady state is stable is not known: an effect depends on frequency as no spring or damper does",
+                "whether the steady state is stable is not known: an effect depends on frequency as no spring or "
+                "damper does",
             ),
         )
         return [f"At {self._where(there)} {what}." for there, what in kinds if np.any(there)]
@@ -146,19 +164,26 @@ def _exponential(matrices: Float[Array, "step state state"]) -> Float[Array, "st
     return identity + less
 
 
-def _monodromy(linear: Linear, slopes: Float[Array, "kind step point dof dof"], period: Float[Array, ""]) -> Float[Array, "state state"]:
-    """Of disturbances over one ``period`` [s], state (q, q̇): the product of exp(Ω) over its steps, Magnus' series to fourth order.
+def _monodromy(
+    linear: Linear, slopes: Float[Array, "kind step point dof dof"], period: Float[Array, ""]
+) -> Float[Array, "state state"]:
+    """Of disturbances over one ``period`` [s], state (q, q̇): the product of exp(Ω) over its steps, Magnus' series to
+    fourth order.
 
     Ω = h (A_1 + A_2)/2 + (√3/12) h² (A_2 A_1 - A_1 A_2), A at the two Gauss points of each step
     (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2nd edition, 2006, section IV.7).
     """
     size = len(linear.stiffness)
     free = linear.inverse_mass @ linear.stiffness
-    rate = jnp.maximum(jnp.sqrt(jnp.max(jnp.abs(free))), 2.0 * math.pi / period)  # velocities in this unit make all entries of one size
+    rate = jnp.maximum(
+        jnp.sqrt(jnp.max(jnp.abs(free))), 2.0 * math.pi / period
+    )  # velocities in this unit make all entries of one size
     beside = jnp.zeros((2, *slopes.shape[1:3], size, size)).at[..., :2, :2].set(slopes)
     total = jnp.stack([linear.stiffness, linear.damping])[:, None, None] + beside
     pulls = linear.inverse_mass[None, None, None] @ total
-    above = jnp.broadcast_to(jnp.concatenate([jnp.zeros((size, size)), rate * jnp.eye(size)], axis=1), (*slopes.shape[1:3], size, 2 * size))
+    above = jnp.broadcast_to(
+        jnp.concatenate([jnp.zeros((size, size)), rate * jnp.eye(size)], axis=1), (*slopes.shape[1:3], size, 2 * size)
+    )
     matrices = jnp.concatenate([above, jnp.concatenate([-pulls[0] / rate, -pulls[1]], axis=-1)], axis=-2)
     step = period / slopes.shape[1]
     first, second = matrices[:, 0], matrices[:, 1]
@@ -191,14 +216,20 @@ def _at(condition: Conditions, speed: Array) -> Conditions:
 def _shares(model: Model, condition: Conditions) -> Float[Array, "sweep"]:
     """Of the speed, from which the steady state is followed."""
     below, above = SWEEPS
-    return jnp.stack([jnp.minimum(below, BELOW_RESONANCE * model.rotor.natural_frequency() / condition.speed), jnp.asarray(above)])
+    return jnp.stack(
+        [jnp.minimum(below, BELOW_RESONANCE * model.rotor.natural_frequency() / condition.speed), jnp.asarray(above)]
+    )
 
 
-def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep dof coefficient"], shown: Coefficients) -> Float[Array, "start dof coefficient"]:
-    """Steady states at a condition that are reached from below and from above in speed, and from motions of several sizes.
+def _followed(
+    model: Model, condition: Conditions, begun: Float[Array, "sweep dof coefficient"], shown: Coefficients
+) -> Float[Array, "start dof coefficient"]:
+    """Steady states at a condition that are reached from below and from above in speed, and from motions of several
+    sizes.
 
-    Where the grid has fractions of an order, also from the one ``shown`` with such fractions in several sizes and phases, and by following
-    speeds with a push towards such fractions wherever the motion has none: where they arise they are then followed on.
+    Where the grid has fractions of an order, also from the one ``shown`` with such fractions in several sizes and
+    phases, and by following speeds with a push towards such fractions wherever the motion has none: where they arise
+    they are then followed on.
     """
     ready = Ready.of(model, condition)
     whole = np.array([order == round(order) for order in ready.grid.orders])
@@ -215,19 +246,31 @@ def _followed(model: Model, condition: Conditions, begun: Float[Array, "sweep do
         return jax.lax.scan(step, motion, jnp.arange(1, STEPS) / STEPS)[0]
 
     ways = jnp.arange(2.0 if ready.grid.turns > 1 else 1.0)
-    near = jnp.concatenate(jax.vmap(lambda pushed: jax.vmap(lambda share, motion: sweep(share, motion, pushed))(_shares(model, condition), begun))(ways))
+    near = jnp.concatenate(
+        jax.vmap(
+            lambda pushed: jax.vmap(lambda share, motion: sweep(share, motion, pushed))(
+                _shares(model, condition), begun
+            )
+        )(ways)
+    )
     system = ready.system
     push = fraction_push(system, ready.grid)
     starts = jnp.concatenate([near, jnp.asarray(STARTS)[:, None, None] * system.free[None] + push[None]])
     if ready.grid.turns > 1:
-        starts = jnp.concatenate([starts, jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None] + _pushes(system.free)])
+        starts = jnp.concatenate(
+            [starts, jnp.where(jnp.all(jnp.isfinite(shown)), shown, system.free)[None] + _pushes(system.free)]
+        )
     finer = ready.finer.system
-    return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free), finer))(starts)
+    return jax.vmap(lambda start: settled(system, jnp.where(jnp.all(jnp.isfinite(start)), start, system.free), finer))(
+        starts
+    )
 
 
 def _pushes(free: Coefficients) -> Float[Array, "start dof coefficient"]:
     """Motions at the lowest fraction of an order, in several sizes, phases and directions."""
-    each = np.array([size * np.exp(1j * phase) * np.array(whirl) for size in PUSHES for phase in PHASES for whirl in WHIRLS])
+    each = np.array(
+        [size * np.exp(1j * phase) * np.array(whirl) for size in PUSHES for phase in PHASES for whirl in WHIRLS]
+    )
     lowest = jnp.max(jnp.abs(free[:, 1:])) * jnp.asarray(np.stack([np.real(each), np.imag(each)], axis=-1))
     return jnp.zeros((len(each), *free.shape)).at[:, :, 1:3].set(lowest)
 
@@ -238,11 +281,18 @@ def _balanced(model: Model, condition: Conditions) -> _Found:
     speeds = jnp.concatenate([condition.speed[None], _shares(model, condition) * condition.speed, extra])
     shown, found = jax.vmap(lambda speed: timed_vectors(model, _at(condition, speed)))(speeds)
     rolling = jnp.zeros_like(shown[0]) if model.slow_roll is None else shown[-1]
-    motions = jnp.concatenate([found.coefficients[:1], _followed(model, condition, found.coefficients[1:3], found.coefficients[0])])
+    motions = jnp.concatenate(
+        [found.coefficients[:1], _followed(model, condition, found.coefficients[1:3], found.coefficients[0])]
+    )
     return _judged(Ready.of(model, condition), motions, model.layout.orders, rolling)
 
 
-def _judged(ready: Ready, motions: Float[Array, "start dof coefficient"], orders: tuple[float, ...], rolling: Complex[Array, "probe order"]) -> _Found:
+def _judged(
+    ready: Ready,
+    motions: Float[Array, "start dof coefficient"],
+    orders: tuple[float, ...],
+    rolling: Complex[Array, "probe order"],
+) -> _Found:
     """What the probes show of motions, and what becomes of their disturbances."""
     linear, fine = _linear(ready), ready.finer
     period = 2.0 * math.pi * ready.grid.turns / ready.condition.speed
@@ -281,10 +331,19 @@ def _alone(model: Model, condition: Conditions) -> _Found:
 
 
 @eqx.filter_jit
-def _let_go(model: Model, conditions: Conditions, shown: Complex[Array, "case dof coefficient"], rolling: Complex[Array, "case probe order"]) -> _Found:
-    """Steady states that are reached in time from near a motion ``shown``, from rest and from the motion of the linear rotor."""
+def _let_go(
+    model: Model,
+    conditions: Conditions,
+    shown: Complex[Array, "case dof coefficient"],
+    rolling: Complex[Array, "case probe order"],
+) -> _Found:
+    """Steady states that are reached in time from near a motion ``shown``, from rest and from the motion of the linear
+    rotor.
+    """
 
-    def of(condition: Conditions, motion: Complex[Array, "dof coefficient"], rolling: Complex[Array, "probe order"]) -> _Found:
+    def of(
+        condition: Conditions, motion: Complex[Array, "dof coefficient"], rolling: Complex[Array, "probe order"]
+    ) -> _Found:
         ready = Ready.of(model, condition)
         system = ready.system
         linear = _linear(ready)
@@ -295,7 +354,9 @@ def _let_go(model: Model, conditions: Conditions, shown: Complex[Array, "case do
             lost = ~(jnp.max(jnp.abs(exact - there.motion)) <= NEAR * jnp.max(jnp.abs(there.motion)))
             return jnp.where(there.repeats & lost, there.motion, exact)
 
-        begun = jnp.stack([FURTHER * to_real(jnp.where(jnp.isfinite(motion), motion, 0.0)), jnp.zeros_like(system.free), system.free])
+        begun = jnp.stack(
+            [FURTHER * to_real(jnp.where(jnp.isfinite(motion), motion, 0.0)), jnp.zeros_like(system.free), system.free]
+        )
         return _judged(ready, jax.vmap(from_one)(begun), model.layout.orders, rolling)
 
     return jax.vmap(of)(conditions, shown, rolling)
@@ -307,7 +368,9 @@ def _found(model: Model, conditions: Conditions) -> _Found:
 
 
 def _all_found(model: Model, conditions: Conditions) -> _Found:
-    """Steady states of all cases; where orders depend on one another a few at a time, so that one program serves any number of cases."""
+    """Steady states of all cases; where orders depend on one another a few at a time, so that one program serves any
+    number of cases.
+    """
     if not restoring(model):
         return _found(model, conditions)
     count = len(conditions.speed)
@@ -321,7 +384,9 @@ def _multiplier(monodromy: Float[np.ndarray, "state state"]) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(monodromy)))) if np.all(np.isfinite(monodromy)) else math.inf
 
 
-def _same(one: Complex[np.ndarray, "dof coefficient"], other: Complex[np.ndarray, "dof coefficient"], grid: Grid) -> bool:
+def _same(
+    one: Complex[np.ndarray, "dof coefficient"], other: Complex[np.ndarray, "dof coefficient"], grid: Grid
+) -> bool:
     """Whether two motions are one, begun in the same turn or in another of its period."""
     turned = [other * np.exp(2j * np.pi * grid.order_array * turn) for turn in range(grid.turns)]
     size = max(np.max(np.abs(one[:, 1:])), np.max(np.abs(other[:, 1:])), SMALLEST_MOTION)
@@ -390,18 +455,20 @@ def _settling(model: Model, conditions: Conditions, found: _Found, cases: list[_
 def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> SteadyStates:
     """What `response` shows at every condition, whether it is stable, and which other steady states were found there.
 
-    Stable: the largest absolute Floquet multiplier over one period, a turn of the shaft or two to four where the model has fractions of an
-    order, is at most 1.001 (1.0001 without forces that depend on motion). Others are searched by following the steady state in speed from
-    0.6 times the speed of the condition (0.8 times the natural frequency if that is less) and from 1.5 times, installed unbalance and bow
-    unchanged, with a push towards fractions of an order where the model has any, and by Newton's method from motions of several sizes and, at
-    fractions, directions; where nothing stable was found so, by integration in time over 200 turns from near the motion shown, from rest and
-    from the motion of the linear rotor. That none was found is no proof that there is none. Motion that does not repeat itself within such a
-    period is not found. Without forces that depend on motion there is one steady state, which internal damping or cross-coupling can make unstable. Not
-    differentiable.
+    Stable: the largest absolute Floquet multiplier over one period, a turn of the shaft or two to four where the model
+    has fractions of an order, is at most 1.001 (1.0001 without forces that depend on motion). Others are searched by
+    following the steady state in speed from
+    0.6 times the speed of the condition (0.8 times the natural frequency if that is less) and from 1.5 times, installed
+    unbalance and bow unchanged, with a push towards fractions of an order where the model has any, and by Newton's
+    method from motions of several sizes and, at fractions, directions; where nothing stable was found so, by
+    integration in time over 200 turns from near the motion shown, from rest and from the motion of the linear rotor.
+    That none was found is no proof that there is none. Motion that does not repeat itself within such a period is not
+    found. Without forces that depend on motion there is one steady state, which internal damping or cross-coupling can
+    make unstable. Not differentiable.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** `SteadyStates`.
-    Source: Nayfeh, Balachandran, Applied Nonlinear Dynamics, Wiley 1995, chapter 3; for a shaft with two unequal stiffnesses
-    Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3.
+    Source: Nayfeh, Balachandran, Applied Nonlinear Dynamics, Wiley 1995, chapter 3; for a shaft with two unequal
+    stiffnesses Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3.
     """
     model = model if isinstance(model, Model) else Model(model)
     found, timed = _all_found(model, conditions), bool(restoring(model))
@@ -412,11 +479,15 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
         others = tuple(case.others(grid) for case in _settling(model, conditions, found, cases))
     good = np.array([case.there(0) for case in cases], bool)
     multiplier = np.where(good, np.array([case.multipliers[0] for case in cases]), np.nan)
-    result = np.where(good, np.where(multiplier > 1.0 + (GROWTH if timed else LINEAR_GROWTH), UNSTABLE, BALANCED), NOT_BALANCED)
+    result = np.where(
+        good, np.where(multiplier > 1.0 + (GROWTH if timed else LINEAR_GROWTH), UNSTABLE, BALANCED), NOT_BALANCED
+    )
     return SteadyStates(np.asarray(conditions.speed), np.asarray(found.vectors)[:, 0], result, multiplier, others)
 
 
 def steadiness(model: Model, conditions: Conditions) -> list[str]:
-    """Where a steady state does not exist, is unstable or is not the only one, in words; looked into where an effect may cause that."""
+    """Where a steady state does not exist, is unstable or is not the only one, in words; looked into where an effect
+    may cause that.
+    """
     suspects = any(isinstance(e, RestoringEffect) or e.name in SELF_EXCITING for e in model.effects)
     return steady_states(model, conditions).words() if suspects else []

@@ -30,10 +30,21 @@ from rotorjax.physics.harmonic_balance import (
 )
 from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.probe_reading import Sensed, bends_of, read
-from rotorjax.physics.restoring_forces import EVERY, Inputs, Moment, analysed, coefficients_of, moments_of, parameters_of, restoring, sum_of
+from rotorjax.physics.restoring_forces import (
+    EVERY,
+    Inputs,
+    Moment,
+    analysed,
+    coefficients_of,
+    moments_of,
+    parameters_of,
+    restoring,
+    sum_of,
+)
 
 FRACTION = ((0.2, 0.06), (0.12, -0.16))
-"""Push of the lowest fraction of an order, in the size of the free motion: in neither symmetry nor phase with anything."""
+"""Push of the lowest fraction of an order, in the size of the free motion: in neither symmetry nor phase with anything.
+"""
 
 
 def is_timed(model: Model) -> bool:
@@ -73,15 +84,25 @@ def total_force(model: Model) -> Callable[[Moment, Array], Float[Array, "dof"]]:
     return functools.partial(sum_of(effects, model.rotor), own)
 
 
-def moments_along(condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, angle: Float[np.ndarray, "instant"]) -> Moment:
+def moments_along(
+    condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, angle: Float[np.ndarray, "instant"]
+) -> Moment:
     """What forces depend on along a motion, at shaft angles."""
     return moments_of(Inputs((), condition.speed, motion, _bow(assembled, grid)), grid, angle)
 
 
 def slopes_along(
-    model: Model, condition: Conditions, grid: Grid, assembled: Assembled, motion: Coefficients, *, angle: Float[np.ndarray, "instant"]
+    model: Model,
+    condition: Conditions,
+    grid: Grid,
+    assembled: Assembled,
+    motion: Coefficients,
+    *,
+    angle: Float[np.ndarray, "instant"],
 ) -> Float[Array, "dof kind dof instant"]:
-    """Derivatives of the sum of all restoring forces along a motion, by position [N/m] and by velocity [N s/m] (``kind``), at shaft angles."""
+    """Derivatives of the sum of all restoring forces along a motion, by position [N/m] and by velocity [N s/m]
+    (``kind``), at shaft angles.
+    """
     total = total_force(model)
 
     def at(by_motion: Array, moment: Moment, phi: Array) -> Array:
@@ -102,7 +123,11 @@ def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled:
     """The equations of harmonic balance of one case at its true speed."""
     own, effects = parameters_of(model)
     whole = jnp.zeros((2, len(grid.orders)), complex)
-    compliance, drive, bow = assembled.dynamic.inverse(), to_real(in_space(assembled.drive) + whole), _bow(assembled, grid)
+    compliance, drive, bow = (
+        assembled.dynamic.inverse(),
+        to_real(in_space(assembled.drive) + whole),
+        _bow(assembled, grid),
+    )
 
     def moved(force: Coefficients) -> Coefficients:
         return answer(compliance, force)
@@ -126,7 +151,9 @@ def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled:
 
 
 def _per_coefficient(factors: Complex[Array, "*many order"]) -> Float[Array, "*many coefficient coefficient"]:
-    """Coefficients of a factor per order times a motion with one coefficient only; the last axis but one counts those."""
+    """Coefficients of a factor per order times a motion with one coefficient only; the last axis but
+    one counts those.
+    """
     units = to_complex(jnp.eye(2 * factors.shape[-1] - 1))
     return to_real(factors[..., None, :] * jnp.broadcast_to(units, (*factors.shape[:-1], *units.shape)))
 
@@ -179,12 +206,16 @@ class Ready(NamedTuple):
         return Sensed(delivered, self.chain.turn + jnp.zeros(len(self.grid.orders), complex), bends_of(self.model)[0])
 
     def sensed_by_motion(self) -> Float[Array, "dof probe coefficient coefficient"]:
-        """Coefficients of the amplitudes that the probes deliver of a motion with one coefficient only; the last axis but one counts those."""
+        """Coefficients of the amplitudes that the probes deliver of a motion with one coefficient only; the last axis
+        but one counts those.
+        """
         probes = self.model.probes
 
         def along(link: Chain, part: Assembled) -> Array:
             rest = link.sensed(probes, part.motion_of(Vector(0.0, 0.0)))
-            return jnp.stack([link.sensed(probes, part.motion_of(unit)) - rest for unit in (Vector(1.0, 0.0), Vector(0.0, 1.0))])
+            return jnp.stack(
+                [link.sensed(probes, part.motion_of(unit)) - rest for unit in (Vector(1.0, 0.0), Vector(0.0, 1.0))]
+            )
 
         return _per_coefficient(jax.vmap(along, out_axes=-1)(self.chain, self.assembled))
 
@@ -208,7 +239,9 @@ def timed_vectors(model: Model, condition: Conditions) -> tuple[Complex[Array, "
 
 
 def fraction_push(system: System, grid: Grid) -> Coefficients:
-    """Motion at the lowest fraction of an order, in the size of the free motion; none where the grid has no fractions."""
+    """Motion at the lowest fraction of an order, in the size of the free motion; none where the grid
+    has no fractions.
+    """
     if grid.turns == 1:
         return jnp.zeros_like(system.free)
     return jnp.max(jnp.abs(system.free)) * jnp.zeros_like(system.free).at[:, 1:3].set(jnp.array(FRACTION))

@@ -24,7 +24,9 @@ REPEATS = 1e-6
 
 
 class Linear(NamedTuple):
-    """The linear rotor in time: M q̈ + C q̇ + K q = 0 for the disk, and below it the foundation where the model has a support effect."""
+    """The linear rotor in time: M q̈ + C q̇ + K q = 0 for the disk, and below it the foundation where the model has a
+    support effect.
+    """
 
     inverse_mass: Float[Array, "state state"]
     damping: Float[Array, "state state"]
@@ -47,7 +49,8 @@ def _inverted(matrices: Array) -> Array:
 
 
 def linear_in_time(model: Model, assembled: Assembled, omega: Float[Array, "order"]) -> Linear:
-    """Matrices in time from the dynamic stiffness D = K_p + K + iωC - ω²M at orders from zero; K_p = (S⁻¹ + F⁻¹)⁻¹, F = (1 + iωd - ω²m) / f.
+    """Matrices in time from the dynamic stiffness D = K_p + K + iωC - ω²M at orders from zero; K_p = (S⁻¹ + F⁻¹)⁻¹, F =
+    (1 + iωd - ω²m) / f.
 
     **Arguments:** ``omega``: frequency of every order [rad/s].
     """
@@ -60,12 +63,16 @@ def linear_in_time(model: Model, assembled: Assembled, omega: Float[Array, "orde
     tolerance = 10.0 * jnp.sqrt(jnp.finfo(omega.dtype).eps)
 
     def alike(found: Array, there: Array) -> Array:
-        return jnp.all(jnp.abs(found - there) <= tolerance * jnp.max(jnp.abs(path) + jnp.abs(there), axis=(1, 2), keepdims=True))
+        return jnp.all(
+            jnp.abs(found - there) <= tolerance * jnp.max(jnp.abs(path) + jnp.abs(there), axis=(1, 2), keepdims=True)
+        )
 
     exists = alike(expected, disk)
     if not any(isinstance(e, SupportEffect) for e in model.effects):
         return Linear(_inverted(mass), damping, stiffness + path[0].real, exists & alike(path, path[:1]))
-    soft = jnp.stack(jnp.broadcast_arrays(assembled.compliance.x, assembled.compliance.y, omega)[:2], axis=-1) + 0j  # order, dof
+    soft = (
+        jnp.stack(jnp.broadcast_arrays(assembled.compliance.x, assembled.compliance.y, omega)[:2], axis=-1) + 0j
+    )  # order, dof
     # Compliance that is the same at every order, or none, has no motion of its own in time: it stays within the path.
     own = jnp.max(jnp.abs(soft - soft[:1]), axis=0) > tolerance * jnp.abs(soft[0])
     static = jnp.where(own, soft[0].real, 0.0)
@@ -94,9 +101,11 @@ class Reached(NamedTuple):
 
 
 def reached(ready: Ready, linear: Linear, begun: Coefficients) -> Reached:
-    """The motion after 200 turns, from position and velocity of one at shaft angle zero, by the classical Runge-Kutta method.
+    """The motion after 200 turns, from position and velocity of one at shaft angle zero, by the classical Runge-Kutta
+    method.
 
-    What is integrated is the difference from the motion of the linear rotor, δ = q - q_0: M δ̈ + C δ̇ + K δ = -N(q_0 + δ).
+    What is integrated is the difference from the motion of the linear rotor, δ = q - q_0: M δ̈ + C δ̇ + K δ = -N(q_0 +
+    δ).
     """
     grid, condition, free = ready.grid, ready.condition, ready.system.free
     halves = 2 * INSTANTS * grid.turns
@@ -108,9 +117,16 @@ def reached(ready: Ready, linear: Linear, begun: Coefficients) -> Reached:
     def rate(state: Array, half: Array) -> Array:
         apart, speed = state[:dof], state[dof:]
         here = half % halves
-        moment = Moment(apart[:2] + beside.position[:, here], speed[:2] + beside.velocity[:, here], beside.bow[:, here], condition.speed)
+        moment = Moment(
+            apart[:2] + beside.position[:, here],
+            speed[:2] + beside.velocity[:, here],
+            beside.bow[:, here],
+            condition.speed,
+        )
         force = jnp.zeros(dof).at[:2].set(total(moment, angles[here]))
-        return jnp.concatenate([speed, -linear.inverse_mass @ (linear.stiffness @ apart + linear.damping @ speed + force)])
+        return jnp.concatenate(
+            [speed, -linear.inverse_mass @ (linear.stiffness @ apart + linear.damping @ speed + force)]
+        )
 
     def step(state: Array, number: Array) -> tuple[Array, Array]:
         first = rate(state, 2 * number)

@@ -21,26 +21,46 @@ MOST_SPEEDS = 12
 
 
 def corrections(fitted: Fit, rig: Rig, measurement: Measurement) -> tuple[Correction, ...]:
-    """What corrects the residual unbalance of a fitted model, in each plane of the rig by itself; none where the fit has no residual unbalance."""
+    """What corrects the residual unbalance of a fitted model, in each plane of the rig by itself; none where the fit
+    has no residual unbalance.
+    """
     found = {e.entry.label: e for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
     labels = [f"unbalance_{axis}_kg_m" for axis in "xy"]
     if not found.keys() >= set(labels):
         return ()
-    which, scale = ([found[label].entry.unknown for label in labels], np.array([found[label].entry.scale for label in labels]))
+    which, scale = (
+        [found[label].entry.unknown for label in labels],
+        np.array([found[label].entry.scale for label in labels]),
+    )
     covariance = scale[:, None] * fitted.covariance[np.ix_(which, which)] * scale
-    return _in_every_plane(np.array([found[label].value for label in labels]), covariance, rig, measurement, float(fitted.model.rotor.mass))
+    return _in_every_plane(
+        np.array([found[label].value for label in labels]), covariance, rig, measurement, float(fitted.model.rotor.mass)
+    )
 
 
 def diagnosed_corrections(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> tuple[Correction, ...]:
-    """The same for what `diagnose` found: the inherent unbalance, or else that of the first run with nothing installed; none where it is not told apart.
+    """The same for what `diagnose` found: the inherent unbalance, or else that of the first run with nothing installed;
+    none where it is not told apart.
 
     What the rig file holds already is corrected with it.
     """
-    free = [k for k in range(len(measurement.runs)) if not np.any(np.asarray(measurement.conditions.unbalance)[measurement.run == k])]
-    found = diagnosis.inherent or next((run for run in diagnosis.runs for k in free if run.run == measurement.runs[k]), None)
+    free = [
+        k
+        for k in range(len(measurement.runs))
+        if not np.any(np.asarray(measurement.conditions.unbalance)[measurement.run == k])
+    ]
+    found = diagnosis.inherent or next(
+        (run for run in diagnosis.runs for k in free if run.run == measurement.runs[k]), None
+    )
     if found is None or not found.identifiable or found.unbalance is None or found.unbalance.covariance is None:
         return ()
-    return _in_every_plane(found.unbalance.pair + held_unbalance(rig), found.unbalance.covariance, rig, measurement, float(rig.model.rotor.mass))
+    return _in_every_plane(
+        found.unbalance.pair + held_unbalance(rig),
+        found.unbalance.covariance,
+        rig,
+        measurement,
+        float(rig.model.rotor.mass),
+    )
 
 
 def held_unbalance(rig: Rig) -> Float[np.ndarray, "dof"]:
@@ -50,13 +70,27 @@ def held_unbalance(rig: Rig) -> Float[np.ndarray, "dof"]:
 
 
 def _in_every_plane(
-    unbalance: Float[np.ndarray, "dof"], covariance: Float[np.ndarray, "dof dof"], rig: Rig, measurement: Measurement, mass: float
+    unbalance: Float[np.ndarray, "dof"],
+    covariance: Float[np.ndarray, "dof dof"],
+    rig: Rig,
+    measurement: Measurement,
+    mass: float,
 ) -> tuple[Correction, ...]:
-    """One correction for each plane. The grade counts at the highest speed of the rig's limits, or else of those measured."""
+    """One correction for each plane. The grade counts at the highest speed of the rig's limits, or else of those
+    measured.
+    """
     limits = measurement.knowledge.limits.speed_rpm
     speed = RPM * (float(measurement.speed_rpm.max()) if limits is None else limits[1])
     return tuple(
-        Correction(name, plane, unbalance / plane.participation, covariance / plane.participation**2, mass, speed, rig.convention)
+        Correction(
+            name,
+            plane,
+            unbalance / plane.participation,
+            covariance / plane.participation**2,
+            mass,
+            speed,
+            rig.convention,
+        )
         for name, plane in rig.planes.items()
         if plane.participation != 0.0
     )
@@ -73,13 +107,22 @@ def balance_line(correction: Correction, *, alone: bool = False) -> str:
     where = f"at {c.correction_angle_deg:.0f}° in plane {c.name}{' alone' if alone else ''}"
     mass, error = c.mass_at_radius(c.size), c.mass_at_radius(NORMAL_QUANTILE * c.standard_error)
     if mass is None or error is None:
-        amount = f"{number(c.size / GRAM_MILLIMETRE)} ± {number(NORMAL_QUANTILE * c.standard_error / GRAM_MILLIMETRE, 2)} g mm {where}"
+        amount = (
+            f"{number(c.size / GRAM_MILLIMETRE)} ± {number(NORMAL_QUANTILE * c.standard_error / GRAM_MILLIMETRE, 2)} g "
+            f"mm {where}"
+        )
         hint = f" Its mass follows once the rig file has radius_mm under [planes.{c.name}]."
     else:
-        amount = f"{number(mass / GRAM)} ± {number(error / GRAM, 2)} g {where}, at a radius of {number(1e3 * (c.plane.radius_m or 0.0))} mm"
+        amount = (
+            f"{number(mass / GRAM)} ± {number(error / GRAM, 2)} g {where}, at a radius of "
+            f"{number(1e3 * (c.plane.radius_m or 0.0))} mm"
+        )
         hint = ""
     holes = " and ".join(f"{number(part.mass_kg / GRAM)} g in hole {part.hole}" for part in c.in_holes)
-    grades = f"balance quality grade G {number(c.grade(c.size))} before, G {number(c.grade(c.left), 2)} after (at {c.speed / RPM:.0f} rpm)"
+    grades = (
+        f"balance quality grade G {number(c.grade(c.size))} before, G {number(c.grade(c.left), 2)} after (at "
+        f"{c.speed / RPM:.0f} rpm)"
+    )
     return f"To balance: {amount}{f' ({holes})' if holes else ''}; {grades}.{hint}"
 
 
@@ -89,8 +132,15 @@ def predicted_table(model: Model, correction: Correction, speeds_rpm: np.ndarray
     speeds, first = speeds_rpm[picked], model.layout.orders.index(1.0)
     before, after = (np.abs(z[:, :, first]) / MICROMETRE for z in before_and_after(model, correction, speeds))
     headers = ["rpm", *(f"{probe} {when} µm" for probe in model.layout.probes for when in ("before", "after"))]
-    rows = [[f"{speed:.0f}", *(number(float(z[k, p])) for p in range(before.shape[1]) for z in (before, after))] for k, speed in enumerate(speeds)]
-    return Table(f"Vibration at 1X predicted with the correction in plane {correction.name}, nothing else installed", headers, rows)
+    rows = [
+        [f"{speed:.0f}", *(number(float(z[k, p])) for p in range(before.shape[1]) for z in (before, after))]
+        for k, speed in enumerate(speeds)
+    ]
+    return Table(
+        f"Vibration at 1X predicted with the correction in plane {correction.name}, nothing else installed",
+        headers,
+        rows,
+    )
 
 
 def balance_json(found: tuple[Correction, ...]) -> dict[str, dict[str, Any]]:

@@ -43,10 +43,17 @@ def prior_text(declared: Parameter) -> str:
 def effect_page(cls: type[Effect]) -> str:
     """One effect in full: meaning, equation, parameters with unit and prior scale, relatives, source."""
     rows = [
-        [p.name + ("" if not p.axes else f" (per {', '.join(p.axes)})"), p.unit.shown if p.of == "one" else p.unit.si, prior_text(p), p.meaning]
+        [
+            p.name + ("" if not p.axes else f" (per {', '.join(p.axes)})"),
+            p.unit.shown if p.of == "one" else p.unit.si,
+            prior_text(p),
+            p.meaning,
+        ]
         for p in cls.parameters()
     ]
-    table = Table("Parameters; zero means that the effect is absent", ["parameter", "unit", "prior scale", "meaning"], rows)
+    table = Table(
+        "Parameters; zero means that the effect is absent", ["parameter", "unit", "prior scale", "meaning"], rows
+    )
     parts = [f"{cls.name} ({cls.family}): {cls.meaning}", inspect.cleandoc(cls.__doc__ or ""), table.text()]
     if cls.relatives:
         parts.append(f"Known relatives, hard to tell from it: {', '.join(cls.relatives)}")
@@ -57,7 +64,9 @@ def effect_page(cls: type[Effect]) -> str:
 
 def snapshot() -> dict[str, dict[str, Any]]:
     """What data/catalogue.json holds: family, meaning and page of every effect."""
-    return {name: {"family": cls.family, "meaning": cls.meaning, "page": effect_page(cls)} for name, cls in NAMED.items()}
+    return {
+        name: {"family": cls.family, "meaning": cls.meaning, "page": effect_page(cls)} for name, cls in NAMED.items()
+    }
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
-from rotorjax.data.rig import Convention
+from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Cell, Comparison
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
 from rotorjax.discovery.rivals import TIE, Rival
@@ -28,7 +28,11 @@ HELPS = 0.95
 
 def measurement_line(m: Measurement) -> str:
     """What was measured, in a line."""
-    speeds = f"{m.speed_rpm.min():.0f} to {m.speed_rpm.max():.0f} rpm" if np.ptp(m.speed_rpm) > 0.5 else f"{m.speed_rpm[0]:.0f} rpm"
+    speeds = (
+        f"{m.speed_rpm.min():.0f} to {m.speed_rpm.max():.0f} rpm"
+        if np.ptp(m.speed_rpm) > 0.5
+        else f"{m.speed_rpm[0]:.0f} rpm"
+    )
     orders = ", ".join(f"{order:g}X" for order in m.orders)
     if m.sigma is None:
         noise = "noise not given: inferred from what the fit leaves"
@@ -37,7 +41,10 @@ def measurement_line(m: Measurement) -> str:
         noise = f"standard error {number(float(np.median(m.sigma[m.present])) / MICROMETRE)} µm ({source})"
     runs = "1 run" if len(m.runs) == 1 else f"{len(m.runs)} runs"
     probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
-    return f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} µm rms, {noise}"
+    return (
+        f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} "
+        f"µm rms, {noise}"
+    )
 
 
 def verdict(story: Story) -> str:
@@ -55,7 +62,10 @@ def verdict(story: Story) -> str:
     held = story.fits[-1].held_out_rms
     fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
     held_text = f"; {number(before / held)}-fold on data held out" if held else ""
-    return f"{first} With {names} the error falls {fold} to {number(after / MICROMETRE)} µm rms{held_text}. {_remains(story)}"
+    return (
+        f"{first} With {names} the error falls {fold} to {number(after / MICROMETRE)} µm rms{held_text}. "
+        f"{_remains(story)}"
+    )
 
 
 def _remains(story: Story) -> str:
@@ -86,14 +96,26 @@ def _fails(view: Comparison, subject: str) -> str:
 def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
     """Where the model fails, worst first."""
     cells = view.where()
-    headers = ["run", "rpm", "probe", "order", "measured µm", "model µm", "residual µm", "std. errors", "amplitude ratio", "phase error °"]
+    headers = [
+        "run",
+        "rpm",
+        "probe",
+        "order",
+        "measured µm",
+        "model µm",
+        "residual µm",
+        "std. errors",
+        "amplitude ratio",
+        "phase error °",
+    ]
     rows = [_cell_row(cell) for cell in cells[:count]]
     return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows)
 
 
 def _cell_row(cell: Cell) -> list[str]:
     return [
-        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured), _polar(cell.predicted), number(cell.residual_um),
+        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured),
+        _polar(cell.predicted), number(cell.residual_um),
         number(cell.standardised), number(cell.amplitude_ratio), number(cell.phase_error_deg),
     ]  # fmt: skip
 
@@ -161,15 +183,27 @@ def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
     elif entry.declared_uncertain:
         remarks.append("declared uncertain")
     value, error = estimate.value / unit.factor, quantile * estimate.standard_error / unit.factor
-    return [entry.key, number(value, 4), number(error, 2), unit.shown, number(NORMAL_QUANTILE * entry.scale / unit.factor, 2), "; ".join(remarks)]
+    return [
+        entry.key,
+        number(value, 4),
+        number(error, 2),
+        unit.shown,
+        number(NORMAL_QUANTILE * entry.scale / unit.factor, 2),
+        "; ".join(remarks),
+    ]
 
 
 def findings(story: Story) -> list[str]:
-    """What else a user must know: ties, effects without use, combinations, scatter between runs, failures to converge."""
+    """What else a user must know: ties, effects without use, combinations, scatter between runs,
+    failures to converge.
+    """
     lines = []
     if story.undriven:
         names = ", ".join(f"{order:g}X" for order in story.undriven)
-        lines.append(f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without effects shows them.")
+        lines.append(
+            f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without "
+            "effects shows them."
+        )
     lines += objections(story.final_model)
     lines += story.steadiness
     for name in dict.fromkeys(story.additions):
@@ -181,13 +215,17 @@ def findings(story: Story) -> list[str]:
         last = story.fits[-1]
         chi2 = story.declared.reduced_chi2 if last.reduced_chi2 is None else last.reduced_chi2
         if chi2 is not None and chi2 < SUSPICIOUS_CHI2:
-            lines.append(f"Reduced chi-square {number(chi2)}: sigma_um looks far too large, so that nothing can be told from noise.")
+            lines.append(
+                f"Reduced chi-square {number(chi2)}: sigma_um looks far too large, so that nothing can be told from "
+                "noise."
+            )
         if last.misfit > 0.0 and len(story.measurement.runs) < FEW_RUNS and story.measurement.sigma is not None:
             lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
         if not last.converged:
             lines.append(f"The fit has not settled: {last.result}.")
         lines += [
-            f"{e.entry.key}, declared uncertain, had to move by {abs(e.pull):.1f} of its standard deviations: the declaration or something else is wrong."
+            f"{e.entry.key}, declared uncertain, had to move by {abs(e.pull):.1f} of its standard deviations: the "
+            "declaration or something else is wrong."
             for e in last.estimates
             if e.finding
         ]
@@ -209,7 +247,8 @@ def _scatter_line(story: Story) -> str:
     sizes = [f"unbalance of {number(scatter.unbalance_kg_m / GRAM_MILLIMETRE)} g mm"] if scatter.unbalance_kg_m else []
     sizes += [f"bow of {number(scatter.bow_m / MICROMETRE)} µm"] if scatter.bow_m else []
     return (
-        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, told from what influence coefficients leave, "
+        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, told from what influence "
+        "coefficients leave, "
         f"accounts for {100.0 * share:.0f} % of the squared residual."
     )
 
@@ -223,7 +262,8 @@ def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
     for rival in found:
         if rival.instead is not None and rival.tied:
             lines.append(
-                f"{name} ties with {rival.instead}: with the latter instead the fit is as good ({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
+                f"{name} ties with {rival.instead}: with the latter instead the fit is as good "
+                f"({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
             )
     return lines
 
@@ -257,10 +297,15 @@ def comparison_json(story: Story) -> dict[str, Any]:
         **view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
         "noise": "inferred" if story.measurement.noise != "given" else "given",
         "before": view_json(story.declared, story.declared.reduced_chi2),
-        "steps": [step_json(label, view, fitted) for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True)],
+        "steps": [
+            step_json(label, view, fitted)
+            for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True)
+        ],
         "ties": [[[r.effect], [r.instead]] for r in story.rivals if r.tied and r.instead],
         "not_needed": [r.effect for r in story.rivals if r.tied and r.instead is None],
-        "run_scatter": story.fits[-1].run_scatter.as_json() if story.fits and story.fits[-1].run_scatter != NO_SCATTER else None,
+        "run_scatter": story.fits[-1].run_scatter.as_json()
+        if story.fits and story.fits[-1].run_scatter != NO_SCATTER
+        else None,
         "findings": findings(story),
     }
 
@@ -295,21 +340,44 @@ def step_json(label: str, view: Comparison, fitted: Fit | None) -> dict[str, Any
     }
 
 
-def sizes_by_effect(fitted: Fit, names: tuple[str, ...], convention: Convention | None) -> list[tuple[str, str, list[Size]]]:
+def sizes_by_effect(
+    fitted: Fit, names: tuple[str, ...], convention: Convention | None
+) -> list[tuple[str, str, list[Size]]]:
     """Name, meaning and sizes of some effects of a fit."""
     every = sizes(fitted, names, convention)
     present = {effect.name: type(effect) for effect in fitted.model.effects}
-    return [(name, present[name].meaning if name in present else "", [size for size in every if size.effect == name]) for name in names]
+    return [
+        (name, present[name].meaning if name in present else "", [size for size in every if size.effect == name])
+        for name in names
+    ]
 
 
 def comparison_page(
-    story: Story, *, title: str, pictures: list[tuple[str, bytes]], first: list[tuple[str, bytes]] | None = None, convention: Convention | None = None
+    story: Story,
+    *,
+    title: str,
+    pictures: list[tuple[str, bytes]],
+    first: list[tuple[str, bytes]] | None = None,
+    convention: Convention | None = None,
 ) -> Page:
-    """The report of `compare`. **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling."""
+    """The report of `compare`. **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen
+    without scrolling.
+    """
     shares = share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit")
-    where = [worst_cells(story.declared, "Where the model as declared fails")] + ([worst_cells(story.last, "Where it still fails")] if story.fits else [])
+    where = [worst_cells(story.declared, "Where the model as declared fails")] + (
+        [worst_cells(story.last, "Where it still fails")] if story.fits else []
+    )
     names = tuple(dict.fromkeys(story.additions))
     found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
     headline = Headline("compared", verdict(story), "", found, [], Picture.every(first or []))
     tables = step_tables(story) if story.fits else []
-    return Page(title, headline, "", measurement_line(story.measurement), findings(story), tables, Picture.every(pictures), [*where, shares])
+    return Page(
+        title,
+        headline,
+        "",
+        measurement_line(story.measurement),
+        findings(story),
+        tables,
+        Picture.every(pictures),
+        [*where, shares],
+    )

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
-from rotorjax.data.rig import Convention, Rig
+from rotorjax.data.rig import Rig
+from rotorjax.data.rig_sections import Convention
 from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.reporting.balance import balance_json, balance_lines, diagnosed_corrections, held_unbalance
@@ -18,19 +19,38 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> 
     """Everything that `rotorjax diagnose` prints."""
     parts = [measurement_line(measurement), diagnosis_table(diagnosis, rig.convention).text()]
     if np.any(held := held_unbalance(rig)):
-        size = f"{number(float(np.hypot(*held)) / GRAM_MILLIMETRE)} g mm at {rig.convention.angle_deg(held) % 360.0:.0f}°"
-        parts.append(f"The rig file holds an unbalance of {size} already, under [effects.{ResidualUnbalance.name}]: what is listed comes on top of it.")
+        size = (
+            f"{number(float(np.hypot(*held)) / GRAM_MILLIMETRE)} g mm at {rig.convention.angle_deg(held) % 360.0:.0f}°"
+        )
+        parts.append(
+            f"The rig file holds an unbalance of {size} already, under [effects.{ResidualUnbalance.name}]: what is "
+            "listed comes on top of it."
+        )
     return "\n\n".join([*parts, *balance_lines(diagnosed_corrections(diagnosis, rig, measurement))])
 
 
 def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
     """Unbalance and bow of every run, with standard errors."""
-    headers = ["run", "unbalance g mm", "± s.e.", "at °", "± s.e.", "bow mm", "± s.e.", "at °", "± s.e.", "told apart", "as unbalance alone g mm"]
+    headers = [
+        "run",
+        "unbalance g mm",
+        "± s.e.",
+        "at °",
+        "± s.e.",
+        "bow mm",
+        "± s.e.",
+        "at °",
+        "± s.e.",
+        "told apart",
+        "as unbalance alone g mm",
+    ]
     found = [*diagnosis.runs, *([diagnosis.inherent] if diagnosis.inherent else [])]
     rows = []
     for run in found:
         alone = run.unbalance_alone
-        together = "-" if alone is None else f"{number(alone.magnitude * 1e6)} at {convention.angle_deg(alone.pair):.0f}°"
+        together = (
+            "-" if alone is None else f"{number(alone.magnitude * 1e6)} at {convention.angle_deg(alone.pair):.0f}°"
+        )
         cells = [*_fault_cells(run.unbalance, 1e6, convention), *_fault_cells(run.bow, 1e3, convention)]
         rows.append([run.run, *cells, "yes" if run.identifiable else "no", together])
     reasons: dict[str, list[str]] = {}

@@ -12,7 +12,14 @@ from rotorjax.discovery.ties import Alternative
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.model.model import Model
 from rotorjax.reporting.balance import balance_lines, corrections, predicted_table
-from rotorjax.reporting.comparison import findings, measurement_line, share_table, sizes_by_effect, step_tables, worst_cells
+from rotorjax.reporting.comparison import (
+    findings,
+    measurement_line,
+    share_table,
+    sizes_by_effect,
+    step_tables,
+    worst_cells,
+)
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import MICROMETRE, unit_of
@@ -90,7 +97,10 @@ def _unexplained(found: Explanation) -> str:
     if not found.effects:
         return f"Unexplained: no effect of {those} accounts for what the model misses."
     accounts = "accounts" if len(found.effects) == 1 else "account"
-    return f"Unexplained: {listed(found.effects)} {accounts} for part of what the model misses, and no further effect of {those} for the rest."
+    return (
+        f"Unexplained: {listed(found.effects)} {accounts} for part of what the model misses, and no further effect of "
+        f"{those} for the rest."
+    )
 
 
 def _would_be_next(found: Explanation) -> str | None:
@@ -110,7 +120,11 @@ def _fall(found: Explanation) -> str:
 def _left(found: Explanation) -> str:
     p = found.p_value
     if p is None:
-        return "The noise is unknown, so that nothing says whether what is left is more than noise." if found.contest.measurement.sigma is None else ""
+        return (
+            "The noise is unknown, so that nothing says whether what is left is more than noise."
+            if found.contest.measurement.sigma is None
+            else ""
+        )
     sign = "<=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else ""
     scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
     judged = "is more than" if found.verdict == "unexplained" else "is what"
@@ -126,7 +140,8 @@ def _missing_force(found: Explanation) -> list[str]:
     if named.force.reason is not None:
         return [f"The missing force cannot be shown: {named.force.reason}."]
     held = [
-        f"Along {'xy'[axis]} the rotor hardly moves, though without the missing force it would: friction, a stop or a stiff spring may do that, "
+        f"Along {'xy'[axis]} the rotor hardly moves, though without the missing force it would: friction, a stop or a "
+        "stiff spring may do that, "
         "so that its shape there is doubtful."
         for axis in named.force.held
     ]
@@ -138,14 +153,29 @@ def _missing_force(found: Explanation) -> list[str]:
 def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
     """The terms, and the error with them."""
     after = number(found.story.measurement.rms_of(fitted.predicted) / MICROMETRE)
-    held = f" ({number(fitted.held_out_rms / MICROMETRE)} µm on data held out)" if fitted.held_out_rms is not None else ""
+    held = (
+        f" ({number(fitted.held_out_rms / MICROMETRE)} µm on data held out)" if fitted.held_out_rms is not None else ""
+    )
     beside = f"beside {listed(named.beside)}" if named.beside else "beside the model as declared"
     words = f"{named.words} (or, hardly worse, {', or '.join(named.rivals)})" if named.rivals else named.words
     if found.verdict != "unexplained":
-        how = "A simpler force would do as well" if len(named.terms) < len(found.effects) else "A force outside the catalogue would do better"
+        how = (
+            "A simpler force would do as well"
+            if len(named.terms) < len(found.effects)
+            else "A force outside the catalogue would do better"
+        )
         return f"{how}, {beside}: {words}. With it alone the error is {after} µm rms{held}."
-    rest = ", which is what the noise allows" if named.enough else "" if found.contest.measurement.sigma is None else ", still more than the noise"
-    return f"The force that is missing {beside} looks like this: {words}. Added as a term it brings the error to {after} µm rms{held}{rest}."
+    rest = (
+        ", which is what the noise allows"
+        if named.enough
+        else ""
+        if found.contest.measurement.sigma is None
+        else ", still more than the noise"
+    )
+    return (
+        f"The force that is missing {beside} looks like this: {words}. Added as a term it brings the error to {after} "
+        f"µm rms{held}{rest}."
+    )
 
 
 def missing_force_table(named: NamedForce) -> Table | None:
@@ -157,12 +187,29 @@ def missing_force_table(named: NamedForce) -> Table | None:
     for term in named.terms:
         for name in dict.fromkeys([*term.coefficients, *(label for effect, label in values if effect == term.term)]):
             unit, value, e = unit_of(name), term.coefficients.get(name), values.get((term.term, name))
-            fitted = [number(e.value / unit.factor), number(e.standard_error / unit.factor, 2)] if e is not None else ["", ""]
-            rows.append([f"{term.term}.{name}", term.plain, "" if value is None else number(value / unit.factor), *fitted, unit.shown])
-    note = "Add a term by `rotorjax compare --effect NAME`, or hand it to explain by catalog=CATALOG | TERMS (rotorjax.effects.terms)."
+            fitted = (
+                [number(e.value / unit.factor), number(e.standard_error / unit.factor, 2)]
+                if e is not None
+                else ["", ""]
+            )
+            rows.append(
+                [
+                    f"{term.term}.{name}",
+                    term.plain,
+                    "" if value is None else number(value / unit.factor),
+                    *fitted,
+                    unit.shown,
+                ]
+            )
+    note = (
+        "Add a term by `rotorjax compare --effect NAME`, or hand it to explain by catalog=CATALOG | TERMS "
+        "(rotorjax.effects.terms)."
+    )
     others = sorted({words for term in named.terms for words in term.rivals})
     note += f" Nearly as well in the equation of motion: {'; '.join(others)}." if others else ""
-    return Table("Terms of the missing force", ["term", "meaning", "in the equation", "in the response", "±", "unit"], rows, note)
+    return Table(
+        "Terms of the missing force", ["term", "meaning", "in the equation", "in the response", "±", "unit"], rows, note
+    )
 
 
 def _ties(found: Explanation) -> list[str]:
@@ -182,14 +229,23 @@ def critical_speeds_line(found: Explanation) -> str:
     if not after:
         return ""
     told = f"Critical speeds: {_told(after)}"
-    return f"{told}; as declared {_told(before)}." if found.effects and before and _told(before) != _told(after) else f"{told}."
+    return (
+        f"{told}; as declared {_told(before)}."
+        if found.effects and before and _told(before) != _told(after)
+        else f"{told}."
+    )
 
 
 def _told(speeds: tuple[CriticalSpeed, ...]) -> str:
     """Speeds in a sentence, with their amplification factors and damping ratios."""
     factors = [
         f"{one.speed_rpm:.0f} rpm"
-        + ("" if one.amplification is None else f" (amplification factor {number(one.amplification)}, damping ratio {number(50.0 / one.amplification, 2)} %)")
+        + (
+            ""
+            if one.amplification is None
+            else f" (amplification factor {number(one.amplification)}, damping ratio "
+            f"{number(50.0 / one.amplification, 2)} %)"
+        )
         for one in speeds
     ]
     return listed(factors)
@@ -220,7 +276,10 @@ def ties_table(found: Explanation) -> Table | None:
     tied = sorted(found.ties.tied, key=lambda t: t.instead_of)
     rows = [[listed(t.instead_of), listed(t.effects), f"{t.gap:.1f}", number(t.apart, 2), _why_tied(t)] for t in tied]
     headers = ["in the place of", "would do as well", "log evidence behind", "predictions differ by", "remark"]
-    note = "Predictions differ, at the readings taken, by so many standard errors rms, with what the answer leaves counted as error."
+    note = (
+        "Predictions differ, at the readings taken, by so many standard errors rms, with what the answer leaves "
+        "counted as error."
+    )
     return Table("What these data cannot tell apart", headers, rows, note)
 
 
@@ -237,18 +296,28 @@ def notes(found: Explanation) -> list[str]:
     if found.next_measurement is not None:
         n = found.next_measurement
         one, other = (listed(names) for names in n.separates)
-        where = f"{n.run} at {n.speed_rpm:.0f} rpm" + (f", with {listed(n.new_probes)}, not read so far" if n.new_probes else "")
-        lines.append(f"Measure next: {where}; there {one} and {other} differ by {number(n.standardised_difference, 2)} standard errors.")
+        where = f"{n.run} at {n.speed_rpm:.0f} rpm" + (
+            f", with {listed(n.new_probes)}, not read so far" if n.new_probes else ""
+        )
+        lines.append(
+            f"Measure next: {where}; there {one} and {other} differ by {number(n.standardised_difference, 2)} standard "
+            "errors."
+        )
     elif found.ties.tied:
         advice = ""
         names = {name for group in found.ties.groups() for names in group for name in names}
-        if found.story.model.slow_roll is not None and "residual_unbalance" in names and names & {"residual_bow", "thermal_bow"}:
+        if (
+            found.story.model.slow_roll is not None
+            and "residual_unbalance" in names
+            and names & {"residual_bow", "thermal_bow"}
+        ):
             advice = "; vectors without the slow-roll subtraction would tell a bow from an unbalance"
         lines.append(f"No reading within the limits would settle the tie{advice}.")
     share = found.story.last.rms / found.contest.measurement.rms if found.contest.measurement.rms > 0.0 else 1.0
     if found.verdict == "unexplained" and share < SLIGHT:
         lines.append(
-            f"What is left is only {number(100.0 * share, 2)} % of what was measured: if sigma_um is too small, or the model's form need not be better "
+            f"What is left is only {number(100.0 * share, 2)} % of what was measured: if sigma_um is too small, or the "
+            "model's form need not be better "
             "than that ([model] tolerance), it is explained."
         )
     lines += _orders_lacking(found)
@@ -265,7 +334,10 @@ def _orders_lacking(found: Explanation) -> list[str]:
         lacking = [order for order in found.catalog[name].sufficient.orders if order not in measured]
         if lacking:
             orders = listed([f"{order:g}X" for order in lacking])
-            lines.append(f"{name} is told by {orders} too, which these data do not hold: measure that order, and the answer is surer.")
+            lines.append(
+                f"{name} is told by {orders} too, which these data do not hold: measure that order, and the answer is "
+                "surer."
+            )
     return lines
 
 
@@ -277,7 +349,8 @@ def _same_bow(found: Explanation) -> list[str]:
         return []
     listed_ratios = listed([f"{number(ratio, 2)} times at {speed:.0f} rpm" for speed, ratio in ratios.items()])
     return [
-        f"Every run carries the same installed bow, whose response is {listed_ratios} that of the installed unbalance: an inherent bow and a gain "
+        f"Every run carries the same installed bow, whose response is {listed_ratios} that of the installed unbalance: "
+        "an inherent bow and a gain "
         "and phase of the chain change all vectors alike, and neither pins the unbalance."
     ]
 
@@ -286,18 +359,28 @@ def _contains(other: Alternative) -> str:
     verbs = ("does", "is") if len(other.effects) == 1 else ("together do", "are")
     answer = f"{listed(other.instead_of)} {'does' if len(other.instead_of) == 1 else 'do'}"
     behind = number(other.gap, 2)
-    return f"{listed(other.effects)} {verbs[0]} what {answer}, with more determined parameters, and {verbs[1]} not needed (log evidence {behind} behind)."
+    return (
+        f"{listed(other.effects)} {verbs[0]} what {answer}, with more determined parameters, and {verbs[1]} not needed "
+        f"(log evidence {behind} behind)."
+    )
 
 
 def ranking_tables(found: Explanation) -> list[Table]:
     """What a further effect would bring, at every step."""
     tables = []
     for step, ranked in enumerate(found.rankings):
-        there = [*found.effects[:step], *(small.effect for small in found.detected_but_small if step == len(found.effects))]
+        there = [
+            *found.effects[:step],
+            *(small.effect for small in found.detected_but_small if step == len(found.effects)),
+        ]
         beside = f"beside {listed(there)}" if there else "in the model as declared"
-        rows = [[r.effect, _probability(r.probability), number(r.log_evidence, 5), _chi2(found, r)] for r in _shown(ranked)]
+        rows = [
+            [r.effect, _probability(r.probability), number(r.log_evidence, 5), _chi2(found, r)] for r in _shown(ranked)
+        ]
         note = "" if step < len(found.effects) else _why_stopped(found, ranked)
-        tables.append(Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note))
+        tables.append(
+            Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note)
+        )
     return tables
 
 
@@ -325,7 +408,11 @@ def _chi2(found: Explanation, ranked: Ranked) -> str:
 def explanation_tables(found: Explanation) -> list[Table]:
     """Error fall, parameters, what ties, terms of the missing force, rankings."""
     terms = None if found.named_force is None else missing_force_table(found.named_force)
-    return [*step_tables(found.story), *(table for table in (ties_table(found), terms) if table is not None), *ranking_tables(found)]
+    return [
+        *step_tables(found.story),
+        *(table for table in (ties_table(found), terms) if table is not None),
+        *ranking_tables(found),
+    ]
 
 
 def cost_line(found: Explanation) -> str:
@@ -347,11 +434,17 @@ def explanation_text(found: Explanation, rig: Rig | None = None) -> str:
 
 
 def explanation_page(
-    found: Explanation, *, title: str, pictures: list[tuple[str, bytes]], first: list[tuple[str, bytes]] | None = None, rig: Rig | None = None
+    found: Explanation,
+    *,
+    title: str,
+    pictures: list[tuple[str, bytes]],
+    first: list[tuple[str, bytes]] | None = None,
+    rig: Rig | None = None,
 ) -> Page:
     """The report of `explain`.
 
-    **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling; ``rig``: for its angles and planes.
+    **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling; ``rig``:
+    for its angles and planes.
     """
     story = found.story
     where = [worst_cells(story.declared, "Where the model as declared fails")]
@@ -360,12 +453,16 @@ def explanation_page(
     said, drawn = notes(found), Picture.every(pictures)
     top, tables, model = headline(found, first or [], rig), explanation_tables(found), before_and_after(found)[1]
     tables += [predicted_table(model, one, story.measurement.speed_cluster()[1]) for one in corrections_of(found, rig)]
-    return Page(title, top, sentence(found), measurement_line(story.measurement), said, tables, drawn, where, cost_line(found))
+    return Page(
+        title, top, sentence(found), measurement_line(story.measurement), said, tables, drawn, where, cost_line(found)
+    )
 
 
 def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | None = None) -> Headline:
     """What is seen without scrolling."""
-    told = {"nothing missing": _nothing, "explained": _missing, "undecided": _undecided, "unexplained": _unexplained}[found.verdict](found)
+    told = {"nothing missing": _nothing, "explained": _missing, "undecided": _undecided, "unexplained": _unexplained}[
+        found.verdict
+    ](found)
     effects = sizes_by_effect(found.story.fits[-1], found.effects, None if rig is None else rig.convention)
     next_one = [line for line in notes(found) if line.startswith(("Measure next", "No reading within"))]
     lines = [line for line in (*_to_balance(found, rig), critical_speeds_line(found), *_ties(found), *next_one) if line]

@@ -17,7 +17,9 @@ from rotorjax.units import MICROMETRE
 
 
 def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, Any]:
-    """What ``explain --json`` writes: plain finite numbers, null where a key does not apply. **Arguments:** ``rig``: for what would balance the rotor."""
+    """What ``explain --json`` writes: plain finite numbers, null where a key does not apply. **Arguments:** ``rig``:
+    for what would balance the rotor.
+    """
     story = found.story
     every = []
     for k, (view, fitted) in enumerate(zip(story.views, story.fits, strict=True)):
@@ -25,7 +27,10 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
         every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
     uncertain = {e.entry.effect for e in story.fits[0].estimates if e.entry.declared_uncertain}
-    every[0] |= {"uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain}, "parameters": {}}
+    every[0] |= {
+        "uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain},
+        "parameters": {},
+    }
     n = found.next_measurement
     return {
         "verdict": found.verdict,
@@ -34,7 +39,10 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "steps": every,
         "ranking": _ranking_json(found, 0),
         "ties": found.ties.groups(),
-        "tied_predictions": [{"instead_of": list(t.instead_of), "effects": list(t.effects), "standardised_difference": t.apart} for t in found.ties.tied],
+        "tied_predictions": [
+            {"instead_of": list(t.instead_of), "effects": list(t.effects), "standardised_difference": t.apart}
+            for t in found.ties.tied
+        ],
         "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
         "detected_but_small": [small._asdict() for small in found.detected_but_small],
         "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
@@ -76,13 +84,20 @@ def _near(found: Explanation, step: int) -> list[list[list[str]]]:
     """Effects that the next step could as well have begun with."""
     ranked = found.rankings[step]
     added = next((r for r in ranked if step < len(found.effects) and r.effect == found.effects[step]), ranked[0])
-    others = [[r.effect] for r in ranked if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE]
+    others = [
+        [r.effect]
+        for r in ranked
+        if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE
+    ]
     return [[[added.effect], *others]] if others and added.effect != "none" else []
 
 
 def _critical_speeds_json(found: Explanation) -> dict[str, list[dict[str, float | None]]]:
     before, after = (
-        [{"speed_rpm": one.speed_rpm, "amplification_factor": one.amplification, "damping_ratio": one.damping_ratio} for one in critical_speeds(model)]
+        [
+            {"speed_rpm": one.speed_rpm, "amplification_factor": one.amplification, "damping_ratio": one.damping_ratio}
+            for one in critical_speeds(model)
+        ]
         for model in before_and_after(found)
     )
     return {"before": before, "after": after}
@@ -92,7 +107,15 @@ def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
     if named is None:
         return None
     terms = [
-        {"term": t.term, "words": t.words, "coefficients": t.coefficients, "share": t.share, "gain": t.gain, "rivals": list(t.rivals)} for t in named.terms
+        {
+            "term": t.term,
+            "words": t.words,
+            "coefficients": t.coefficients,
+            "share": t.share,
+            "gain": t.gain,
+            "rivals": list(t.rivals),
+        }
+        for t in named.terms
     ]
     fitted = named.fit
     return {
@@ -101,7 +124,9 @@ def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:
         "beside": list(named.beside),
         "terms": terms,
         "rivals": list(named.rivals),
-        "parameters": None if fitted is None else {e.entry.key: {"value": e.value, "standard_error": e.standard_error} for e in fitted.estimates},
+        "parameters": None
+        if fitted is None
+        else {e.entry.key: {"value": e.value, "standard_error": e.standard_error} for e in fitted.estimates},
         "rms_um": None if fitted is None else named.force.measurement.rms_of(fitted.predicted) / MICROMETRE,
         "held_out_rms_um": None if fitted is None or fitted.held_out_rms is None else fitted.held_out_rms / MICROMETRE,
         "reduced_chi2": None if fitted is None else fitted.reduced_chi2,

@@ -60,7 +60,11 @@ class Page(NamedTuple):
 
 def html_report(page: Page) -> str:
     """A report as one HTML file that needs no network. All text is escaped."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.tests["numeric"] = is_number
-    template = environment.from_string(files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8"))
+    template = environment.from_string(
+        files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8")
+    )
     return template.render(page._asdict())

@@ -31,20 +31,34 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
         figures.append(("The error step by step as effects were added.", _fall(story)))
     subject = "the model with what was added" if story.changed else "the model"
     figures.append((f"Amplitude and phase over speed: measured (markers) over {subject} (lines).", _bode(story)))
-    figures.append((f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story)))
-    figures.append(("Size of the residual by run, speed and probe" + (", before and after" if story.changed else "") + "; grey: not measured.", _maps(story)))
+    figures.append(
+        (f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story))
+    )
+    figures.append(
+        (
+            "Size of the residual by run, speed and probe"
+            + (", before and after" if story.changed else "")
+            + "; grey: not measured.",
+            _maps(story),
+        )
+    )
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
 
 
 def first_pictures(story: Story) -> list[tuple[str, bytes]]:
-    """What is seen first: the fall of the error, and amplitude over speed before and after, of the run with the largest vibration."""
+    """What is seen first: the fall of the error, and amplitude over speed before and after, of the run with the largest
+    vibration.
+    """
     before_after = _before_after(story)
     if not story.changed:
         return [("Amplitude over speed: measured (dots) and the model (line).", plots.svg(before_after))]
     drawn, (axes,) = plots.figure(5.4, 2.5)
     draw_fall(axes, story, short=True)
     return [
-        ("Amplitude over speed: measured (dots), the model as declared (dashed) and with what was added (line).", plots.svg(before_after)),
+        (
+            "Amplitude over speed: measured (dots), the model as declared (dashed) and with what was added (line).",
+            plots.svg(before_after),
+        ),
         ("The error as effects were added; diamonds: on data held out.", plots.svg(drawn)),
     ]
 
@@ -55,7 +69,10 @@ def explanation_pictures(found: Explanation) -> list[tuple[str, bytes]]:
     named = found.named_force
     if named is not None and named.force.reason is None:
         beside = f"the model with {' and '.join(named.beside)}" if named.beside else "the model as declared"
-        caption = f"The force that acts on the rotor beside {beside}, from the measured orders, with a band of one standard error."
+        caption = (
+            f"The force that acts on the rotor beside {beside}, from the measured orders, with a band of one standard "
+            "error."
+        )
         pictures.insert(0, (caption, plots.svg(_missing_force(named))))
     return pictures
 
@@ -69,7 +86,9 @@ def _missing_force(named: NamedForce) -> Figure:
 
 
 def headline_figure(story: Story) -> Figure:
-    """The story in one picture: every vector of the last probe read before and after, and the fall of the error between."""
+    """The story in one picture: every vector of the last probe read before and after, and the fall of the error
+    between.
+    """
     m = story.measurement
     drawn, (before, fall, after) = plots.figure(15.0, 4.4, 1, 3)
     probe, order = m.probes_read[-1], m.orders[0]
@@ -89,7 +108,9 @@ def _fall(story: Story) -> Figure:
 def draw_fall(axes: Axes, story: Story, *, short: bool = False) -> Axes:
     """The error step by step; ``short``: names of effects in several lines."""
     rows = steps(story)
-    labels = [label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)]
+    labels = [
+        label.replace("+ ", "+\n").replace(" values", "\nvalues").replace("as ", "as\n") for label in step_labels(story)
+    ]
     if short:
         labels = [label.replace("_", "\n") for label in labels]
     held = [f.held_out_rms / MICROMETRE if f and f.held_out_rms is not None else None for _, f in rows]
@@ -99,7 +120,9 @@ def draw_fall(axes: Axes, story: Story, *, short: bool = False) -> Axes:
 def shown_runs(view: Comparison) -> list[str]:
     """Runs for a Bode plot, spread from the least to the largest measured vibration."""
     m = view.measurement
-    sizes = [float(np.sqrt(np.mean(np.abs(m.vectors[m.run == k][m.present[m.run == k]]) ** 2))) for k in range(len(m.runs))]
+    sizes = [
+        float(np.sqrt(np.mean(np.abs(m.vectors[m.run == k][m.present[m.run == k]]) ** 2))) for k in range(len(m.runs))
+    ]
     ranked = np.argsort(sizes)
     picked = np.unique(np.linspace(0, len(ranked) - 1, min(MOST_RUNS, len(ranked))).round().astype(int))
     return [m.runs[k] for k in ranked[picked][::-1]]
@@ -112,7 +135,9 @@ def _speeds(m: Measurement) -> Float[np.ndarray, "speed"]:
     return np.linspace(max(low - margin, 0.02 * low), high + margin, CURVE_POINTS)
 
 
-def _curve(model: Model, m: Measurement, run: str, speeds: Float[np.ndarray, "speed"]) -> Complex[np.ndarray, "speed probe order"]:
+def _curve(
+    model: Model, m: Measurement, run: str, speeds: Float[np.ndarray, "speed"]
+) -> Complex[np.ndarray, "speed probe order"]:
     """What a model shows over speed with what was installed in a run [m]."""
     case = int(np.argmax(m.run == m.runs.index(run)))
     conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
@@ -130,11 +155,23 @@ def _before_after(story: Story) -> Figure:
     return drawn
 
 
-def draw_before_after(axes: Axes, story: Story, *, run: str | None = None, probe: str | None = None, order: float | None = None) -> Axes:
-    """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what was added."""
+def draw_before_after(
+    axes: Axes, story: Story, *, run: str | None = None, probe: str | None = None, order: float | None = None
+) -> Axes:
+    """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what
+    was added.
+    """
     m, speeds = story.measurement, _speeds(story.measurement)
-    run, probe, order = run or shown_runs(story.last)[0], probe or m.probes_read[-1], first_order(m) if order is None else order
-    models = {"as declared": story.model, "with what was added": story.final_model} if story.changed else {"model": story.final_model}
+    run, probe, order = (
+        run or shown_runs(story.last)[0],
+        probe or m.probes_read[-1],
+        first_order(m) if order is None else order,
+    )
+    models = (
+        {"as declared": story.model, "with what was added": story.final_model}
+        if story.changed
+        else {"model": story.final_model}
+    )
     at = m.probes.index(probe), m.orders.index(order)
     curves = {name: np.abs(_curve(model, m, run, speeds)[:, *at]) for name, model in models.items()}
     return plots.before_after(axes, story.last, run=run, probe=probe, order=order, speeds_rpm=speeds, curves=curves)
@@ -190,14 +227,27 @@ class Plots:
         """The error step by step, with that on data held out."""
         return draw_fall(ax or _new(5.6, 3.2), self._story, short=True)
 
-    def bode(self, ax: Axes | None = None, *, run: str | None = None, probe: str | None = None, order: float | None = None) -> Axes:
-        """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what was added."""
+    def bode(
+        self, ax: Axes | None = None, *, run: str | None = None, probe: str | None = None, order: float | None = None
+    ) -> Axes:
+        """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with
+        what was added.
+        """
         return draw_before_after(ax or _new(5.6, 3.2), self._story, run=run, probe=probe, order=order)
 
-    def polar(self, ax: Axes | None = None, *, probe: str | None = None, order: float | None = None, declared: bool = False) -> Axes:
-        """Vectors in the complex plane, each tied to where the model puts it; ``declared``: the model before anything was added."""
+    def polar(
+        self, ax: Axes | None = None, *, probe: str | None = None, order: float | None = None, declared: bool = False
+    ) -> Axes:
+        """Vectors in the complex plane, each tied to where the model puts it; ``declared``: the model before anything
+        was added.
+        """
         m, view = self._story.measurement, self._story.declared if declared else self._story.last
-        axes = plots.polar(ax or _new(4.6, 4.4), view, probe=probe or m.probes_read[-1], order=first_order(m) if order is None else order)
+        axes = plots.polar(
+            ax or _new(4.6, 4.4),
+            view,
+            probe=probe or m.probes_read[-1],
+            order=first_order(m) if order is None else order,
+        )
         axes.legend(fontsize=8)
         return axes
 
@@ -211,10 +261,14 @@ class Plots:
         return plots.probabilities(ax or _new(5.6, 2.6), [r.effect for r in ranked], [r.probability for r in ranked])
 
     def missing_force(self, ax: Axes | None = None, *, axis: str = "x", over: str = "displacement") -> Axes:
-        """The force that is missing along x or y, over displacement, velocity or angle. **Errors.** ``ValueError`` where it was not looked into."""
+        """The force that is missing along x or y, over displacement, velocity or angle. **Errors.** ``ValueError``
+        where it was not looked into.
+        """
         named = self._explanation("the missing force").named_force
         if named is None or named.force.reason is not None:
-            raise ValueError(f"no missing force to show: {'it was not looked into' if named is None else named.force.reason}")
+            raise ValueError(
+                f"no missing force to show: {'it was not looked into' if named is None else named.force.reason}"
+            )
         return plots.missing_force(ax or _new(5.6, 3.4), named.force, over=over, dof="xy".index(axis))  # pyright: ignore
 
     def correlations(self, ax: Axes | None = None) -> Axes:

@@ -36,11 +36,12 @@ def svg(drawn: Figure) -> bytes:
 
 
 def bode(
-    amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float, speeds_rpm: Float[np.ndarray, "speed"],
+    amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float,
+    speeds_rpm: Float[np.ndarray, "speed"],
     curves: dict[str, Complex[np.ndarray, "speed"]],
 ) -> tuple[Axes, Axes]:  # fmt: skip
-    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run, the later ones smaller so that
-    runs lying on one another are all seen.
+    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run, the later
+    ones smaller so that runs lying on one another are all seen.
 
     **Arguments:** ``curves``: the model's vectors [m] of this probe and order at ``speeds_rpm``, by run.
     """
@@ -68,7 +69,14 @@ def bode(
 
 
 def before_after(
-    axes: Axes, view: Comparison, *, run: str, probe: str, order: float, speeds_rpm: Float[np.ndarray, "speed"], curves: dict[str, Float[np.ndarray, "speed"]]
+    axes: Axes,
+    view: Comparison,
+    *,
+    run: str,
+    probe: str,
+    order: float,
+    speeds_rpm: Float[np.ndarray, "speed"],
+    curves: dict[str, Float[np.ndarray, "speed"]],
 ) -> Axes:
     """Amplitude over speed of one run, logarithmic: measured as dots, models as lines, the first of two dashed.
 
@@ -79,8 +87,22 @@ def before_after(
     cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
     styles = [(COLOURS[1], "--"), (COLOURS[0], "-")][-len(curves) :]
     for (name, curve), (colour, dashes) in zip(curves.items(), styles, strict=True):
-        axes.plot(speeds_rpm, np.where(curve > 0.0, curve, np.nan) / MICROMETRE, linewidth=1.5, label=name, color=colour, linestyle=dashes)
-    axes.plot(m.speed_rpm[cases], np.abs(view.measured[cases, k, n]) / MICROMETRE, "o", color="0.15", markersize=4.5, label="measured")
+        axes.plot(
+            speeds_rpm,
+            np.where(curve > 0.0, curve, np.nan) / MICROMETRE,
+            linewidth=1.5,
+            label=name,
+            color=colour,
+            linestyle=dashes,
+        )
+    axes.plot(
+        m.speed_rpm[cases],
+        np.abs(view.measured[cases, k, n]) / MICROMETRE,
+        "o",
+        color="0.15",
+        markersize=4.5,
+        label="measured",
+    )
     axes.set_yscale("log")
     axes.set(xlabel="speed, rpm", ylabel=f"{probe} {order:g}X, µm (0-peak)")
     axes.set_title(f"run {run}", fontsize=9, loc="left")
@@ -111,7 +133,13 @@ def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float]
     """|residual| [µm] as a map: runs down, speed and probe across; grey where nothing was measured."""
     m = view.measurement
     cluster, speeds = m.speed_cluster()
-    columns = [(s, k, n) for n in range(len(m.orders)) for s in range(len(speeds)) for k, probe in enumerate(m.probes) if probe in m.probes_read]
+    columns = [
+        (s, k, n)
+        for n in range(len(m.orders))
+        for s in range(len(speeds))
+        for k, probe in enumerate(m.probes)
+        if probe in m.probes_read
+    ]
     grid = np.full((len(m.runs), len(columns)), np.nan)
     for j, (s, k, n) in enumerate(columns):
         for run in range(len(m.runs)):
@@ -119,7 +147,9 @@ def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float]
             if cases.any():
                 grid[run, j] = np.sqrt(np.mean(np.abs(view.residual[cases, k, n]) ** 2)) / MICROMETRE
     low, high = limits_um or _positive_range(grid)
-    image = axes.imshow(np.maximum(grid, low), aspect="auto", cmap="YlOrRd", norm=LogNorm(low, high), interpolation="none")
+    image = axes.imshow(
+        np.maximum(grid, low), aspect="auto", cmap="YlOrRd", norm=LogNorm(low, high), interpolation="none"
+    )
     axes.set_facecolor("0.85")
     several = len(m.orders) > 1
     labels = [f"{m.probes[k]} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns]
@@ -141,13 +171,23 @@ def _positive_range(grid: np.ndarray) -> tuple[float, float]:
     return (low, high) if high > 1.01 * low else (0.5 * low, 2.0 * low)
 
 
-def error_fall(axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None) -> Axes:
+def error_fall(
+    axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None
+) -> Axes:
     """The error step by step as effects were added, with the error on held-out data and the level of the noise."""
     at = np.arange(len(labels))
     axes.plot(at, rms_um, "o-", color=COLOURS[0], markersize=7, linewidth=1.2, label="all data")
     held = [(x, h) for x, h in zip(at, held_out_um, strict=True) if h is not None]
     if held:
-        axes.plot(*zip(*held, strict=True), "D", color=COLOURS[1], markersize=7, fillstyle="none", markeredgewidth=1.5, label="held out")
+        axes.plot(
+            *zip(*held, strict=True),
+            "D",
+            color=COLOURS[1],
+            markersize=7,
+            fillstyle="none",
+            markeredgewidth=1.5,
+            label="held out",
+        )
     if noise_um is not None:
         axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise of the table")
     for x, value in zip(at, rms_um, strict=True):
@@ -167,7 +207,14 @@ def probabilities(axes: Axes, effects: list[str], values: list[float]) -> Axes:
     at = np.arange(len(effects))[::-1]
     axes.barh(at, values, color=["0.65" if name == "none" else COLOURS[0] for name in effects])
     for y, value in zip(at, values, strict=True):
-        axes.annotate(f"{100.0 * value:.1f} %" if value > 5e-4 else "< 0.1 %", (value, y), textcoords="offset points", xytext=(4, 0), va="center", fontsize=8)
+        axes.annotate(
+            f"{100.0 * value:.1f} %" if value > 5e-4 else "< 0.1 %",
+            (value, y),
+            textcoords="offset points",
+            xytext=(4, 0),
+            va="center",
+            fontsize=8,
+        )
     axes.set_yticks(at, effects)
     axes.set(xlabel="probability", xlim=(0.0, 1.15))
     return axes
@@ -193,13 +240,20 @@ def error_cloud(axes: Axes, errors: Float[np.ndarray, "sample"], *, label: str, 
     return axes
 
 
-def waveform(axes: Axes, time: Float[np.ndarray, "sample"], displacement: Float[np.ndarray, "sample probe"], pulses: Float[np.ndarray, "_"]) -> Axes:
+def waveform(
+    axes: Axes,
+    time: Float[np.ndarray, "sample"],
+    displacement: Float[np.ndarray, "sample probe"],
+    pulses: Float[np.ndarray, "_"],
+) -> Axes:
     """Displacement of two probes over time, phase-reference pulses as vertical lines. In s and m."""
     for k, name in enumerate("XY"):
         axes.plot(1e3 * time, displacement[:, k] / MICROMETRE, "-", color=COLOURS[k], linewidth=1.0, label=name)
     shown = pulses[(pulses >= time[0]) & (pulses <= time[-1])]
     for k, pulse in enumerate(shown):
-        axes.axvline(1e3 * pulse, color="0.4", linestyle="--", linewidth=0.9, label="phase reference" if k == 0 else None)
+        axes.axvline(
+            1e3 * pulse, color="0.4", linestyle="--", linewidth=0.9, label="phase reference" if k == 0 else None
+        )
     axes.set(xlabel="time, ms", ylabel="displacement, µm", ylim=_with_room(displacement / MICROMETRE))
     axes.legend(fontsize=8, loc="upper center", ncols=3)
     axes.grid(alpha=0.3)
@@ -212,7 +266,12 @@ def _with_room(values: np.ndarray) -> tuple[float, float]:
     return low - 0.08 * (high - low), high + 0.25 * (high - low)
 
 
-def phase_picture(axes: Axes, angle_deg: Float[np.ndarray, "_"], mean: Float[np.ndarray, "_ probe"], scatter: Float[np.ndarray, "_ probe"]) -> Axes:
+def phase_picture(
+    axes: Axes,
+    angle_deg: Float[np.ndarray, "_"],
+    mean: Float[np.ndarray, "_ probe"],
+    scatter: Float[np.ndarray, "_ probe"],
+) -> Axes:
     """Mean displacement over one revolution from pulse to pulse, with its scatter; each probe's peak marked."""
     for k, name in enumerate("XY"):
         m, s = mean[:, k] / MICROMETRE, scatter[:, k] / MICROMETRE
@@ -235,7 +294,15 @@ def phase_picture(axes: Axes, angle_deg: Float[np.ndarray, "_"], mean: Float[np.
 def convergence(axes: Axes, histories: dict[str, Float[np.ndarray, "step"]], *, tolerance: float) -> Axes:
     """Largest relative error after every step, one line per method, on a logarithmic scale."""
     for colour, (name, errors) in zip(COLOURS, histories.items(), strict=False):
-        axes.semilogy(np.arange(len(errors)), np.maximum(errors, 1e-16), "o-", color=colour, markersize=3.5, linewidth=1.1, label=name)
+        axes.semilogy(
+            np.arange(len(errors)),
+            np.maximum(errors, 1e-16),
+            "o-",
+            color=colour,
+            markersize=3.5,
+            linewidth=1.1,
+            label=name,
+        )
     axes.axhline(tolerance, color="0.3", linestyle="--", linewidth=1.0, label=f"tolerance, {100.0 * tolerance:g} %")
     axes.set(xlabel="step", ylabel="largest relative error of the four fault values")
     axes.legend(fontsize=8)
@@ -248,7 +315,13 @@ def grouped_bars(axes: Axes, groups: list[str], series: dict[str, list[float]], 
     width = 0.8 / len(series)
     at = np.arange(len(groups))
     for k, (name, values) in enumerate(series.items()):
-        bars = axes.bar(at + (k - 0.5 * (len(series) - 1)) * width, values, width=0.92 * width, label=name, color=_SERIES[k % len(_SERIES)])
+        bars = axes.bar(
+            at + (k - 0.5 * (len(series) - 1)) * width,
+            values,
+            width=0.92 * width,
+            label=name,
+            color=_SERIES[k % len(_SERIES)],
+        )
         axes.bar_label(bars, fmt=lambda v: f"{v:.1f}", fontsize=7, padding=1)
     axes.set_xticks(at, groups)
     axes.set(ylabel=ylabel)
@@ -262,28 +335,45 @@ _SERIES = ("#9aa5b1", "#8fb8de", "#1b5e9c", "#f0a868", "#c8500a", "#2e7d4f")
 """Fills for bars: grey for nothing done, then pairs of light and dark."""
 
 
-def missing_force(axes: Axes, found: MissingForce, *, over: Literal["displacement", "velocity", "angle"], dof: int, most: int = 4, legend: bool = True) -> Axes:
-    """The force along x (0) or y (1) that the model lacks [N], over displacement, velocity or shaft angle, with a band of one standard error.
+def missing_force(
+    axes: Axes,
+    found: MissingForce,
+    *,
+    over: Literal["displacement", "velocity", "angle"],
+    dof: int,
+    most: int = 4,
+    legend: bool = True,
+) -> Axes:
+    """The force along x (0) or y (1) that the model lacks [N], over displacement, velocity or shaft angle, with a band
+    of one standard error.
 
-    The ``most`` cases with the largest force beyond noise, one colour each; force along x and y to the same scale. No curves where nothing can be said.
+    The ``most`` cases with the largest force beyond noise, one colour each; force along x and y to the same scale. No
+    curves where nothing can be said.
     """
     m, name = found.measurement, "xy"[dof]
     waves, label = {
         "displacement": (found.displacement / MICROMETRE, f"displacement {name}, µm"),
         "velocity": (1e3 * found.velocity, f"velocity {name}, mm/s"),
-        "angle": (np.broadcast_to(np.degrees(found.angle)[None, None], found.force.shape), "shaft angle after the phase reference, deg"),
+        "angle": (
+            np.broadcast_to(np.degrees(found.angle)[None, None], found.force.shape),
+            "shaft angle after the phase reference, deg",
+        ),
     }[over]
     largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
     for colour, case in zip(COLOURS, sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
         at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]
-        axes.plot(at, force, "-", color=colour, linewidth=1.2, label=f"{m.runs[m.run[case]]}, {m.speed_rpm[case]:.0f} rpm")
+        axes.plot(
+            at, force, "-", color=colour, linewidth=1.2, label=f"{m.runs[m.run[case]]}, {m.speed_rpm[case]:.0f} rpm"
+        )
         axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.set(xlabel=label, ylabel=f"force missing along {name}, N")
     if over == "angle":
-        axes.set(xlim=(0.0, 360.0 * len(found.angle) / SAMPLES), xticks=np.arange(0, 361, 90) * len(found.angle) // SAMPLES)
+        axes.set(
+            xlim=(0.0, 360.0 * len(found.angle) / SAMPLES), xticks=np.arange(0, 361, 90) * len(found.angle) // SAMPLES
+        )
     if largest:
         axes.set_ylim(_with_room(found.force[largest]))
     if largest and legend:

@@ -15,7 +15,15 @@ from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
 from rotorjax.model.model import Model
 from rotorjax.reporting import pictures
-from rotorjax.reporting.comparison import comparison_page, comparison_text, measurement_line, parameter_table, share_table, sizes_by_effect, worst_cells
+from rotorjax.reporting.comparison import (
+    comparison_page,
+    comparison_text,
+    measurement_line,
+    parameter_table,
+    share_table,
+    sizes_by_effect,
+    worst_cells,
+)
 from rotorjax.reporting.explanation import explanation_page, explanation_text, headline
 from rotorjax.reporting.page import Headline, html_report
 from rotorjax.reporting.tables import Table, number
@@ -33,14 +41,22 @@ def summary(result: Any, rig: Rig | None = None) -> str:
         return comparison_text(result)
     if isinstance(result, Measurement):
         return measurement_line(result)
-    return "\n\n".join([*([] if isinstance(result, Model) else [repr(result)]), *(table.text() for table in _tables(result))])
+    return "\n\n".join(
+        [*([] if isinstance(result, Model) else [repr(result)]), *(table.text() for table in _tables(result))]
+    )
 
 
 def write_report(path: Path, result: Explanation | Story, rig: Rig | None = None, *, title: str = "") -> Path:
     """Write the HTML report of a comparison or of an explanation."""
     if isinstance(result, Story):
         first, convention = pictures.first_pictures(result), None if rig is None else rig.convention
-        page = comparison_page(result, title=title or "Model against measurement", pictures=pictures.story_pictures(result), first=first, convention=convention)
+        page = comparison_page(
+            result,
+            title=title or "Model against measurement",
+            pictures=pictures.story_pictures(result),
+            first=first,
+            convention=convention,
+        )
     else:
         first, every = pictures.first_pictures(result.story), pictures.explanation_pictures(result)
         page = explanation_page(result, title=title or "What the model lacks", pictures=every, first=first, rig=rig)
@@ -56,7 +72,13 @@ def html(result: Any) -> str:
         names = tuple(dict.fromkeys(result.additions))
         found = sizes_by_effect(result.fits[-1], names, None) if result.fits else []
         return _headline(Headline("compared", comparison_text(result).split("\n\n")[1], "", found, [], []))
-    line = "" if isinstance(result, Model) else measurement_line(result) if isinstance(result, Measurement) else repr(result)
+    line = (
+        ""
+        if isinstance(result, Model)
+        else measurement_line(result)
+        if isinstance(result, Measurement)
+        else repr(result)
+    )
     return (f"<p>{escaping.escape(line)}</p>" if line else "") + "".join(_table(table) for table in _tables(result))
 
 
@@ -72,7 +94,10 @@ def _headline(top: Headline) -> str:
 
 def _table(table: Table) -> str:
     heads = "".join(f'<th style="text-align:left">{escaping.escape(head)}</th>' for head in table.headers)
-    rows = "".join("<tr>" + "".join(f'<td style="text-align:left">{escaping.escape(cell)}</td>' for cell in row) + "</tr>" for row in table.rows)
+    rows = "".join(
+        "<tr>" + "".join(f'<td style="text-align:left">{escaping.escape(cell)}</td>' for cell in row) + "</tr>"
+        for row in table.rows
+    )
     caption = f"<caption>{escaping.escape(table.title)}</caption>" if table.title else ""
     return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
@@ -106,8 +131,14 @@ def _effects(model: Model) -> Table:
     nominal = np.sqrt(np.asarray(rotor.stiffness) / float(rotor.mass)) / RPM
     rows = [
         ["rotor", "mass", number(float(rotor.mass)), "kg"],
-        *(["rotor", f"stiffness {axis}", number(float(k)), "N/m"] for axis, k in zip("xy", np.asarray(rotor.stiffness), strict=True)),
-        *(["rotor", f"natural frequency {axis}", number(float(n), 4), "rpm"] for axis, n in zip("xy", nominal, strict=True)),
+        *(
+            ["rotor", f"stiffness {axis}", number(float(k)), "N/m"]
+            for axis, k in zip("xy", np.asarray(rotor.stiffness), strict=True)
+        ),
+        *(
+            ["rotor", f"natural frequency {axis}", number(float(n), 4), "rpm"]
+            for axis, n in zip("xy", nominal, strict=True)
+        ),
     ]
     for effect in model.effects:
         labels = [label for p in effect.parameters() for label in p.labels(model.layout)]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.data.rig import Convention
+from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.fit import Estimate, Fit
 from rotorjax.reporting.tables import number
 from rotorjax.units import DEGREE
@@ -76,7 +76,20 @@ def _name(label: str) -> str:
 
 def _ending(name: str) -> str:
     """The unit at the end of a parameter's name."""
-    for ending in ("n_per_m3", "n_s2_per_m2", "n_s_per_m", "n_per_m", "m_per_n", "per_m", "kg_m", "kg", "rad", "n", "s", "m"):
+    for ending in (
+        "n_per_m3",
+        "n_s2_per_m2",
+        "n_s_per_m",
+        "n_per_m",
+        "m_per_n",
+        "per_m",
+        "kg_m",
+        "kg",
+        "rad",
+        "n",
+        "s",
+        "m",
+    ):
         if name.endswith("_" + ending):
             return ending
     return ""
@@ -110,7 +123,11 @@ def _pair(first: Estimate, second: Estimate, fitted: Fit, convention: Convention
     turn = fitted.quantile * math.sqrt(across @ covariance @ across) / max(size, 1e-300) / DEGREE
     degrees = convention.angle_deg(pair) if spatial else math.degrees(math.atan2(pair[1], pair[0]))
     scale, shown = (unit.factor, f" {unit.shown}") if unit.si != "1" else (1.0, " times")
-    angle = f" at {degrees % 360.0 if spatial else degrees:.0f} ± {number(turn, 2)}°" if turn < SURE_OF_ANGLE else ", at an angle that these data leave open"
+    angle = (
+        f" at {degrees % 360.0 if spatial else degrees:.0f} ± {number(turn, 2)}°"
+        if turn < SURE_OF_ANGLE
+        else ", at an angle that these data leave open"
+    )
     return f"{number(size / scale)} ± {number(error / scale, 2)}{shown}{angle}"
 
 

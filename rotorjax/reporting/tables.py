@@ -25,7 +25,9 @@ class Table(NamedTuple):
     def columns(self) -> list[tuple[str, bool]]:
         """Head of every column, and whether it holds numbers, which stand to the right."""
         cells = zip(*self.rows, strict=True) if self.rows else [()] * len(self.headers)
-        return [(head, any(is_number(cell) for cell in column)) for head, column in zip(self.headers, cells, strict=True)]
+        return [
+            (head, any(is_number(cell) for cell in column)) for head, column in zip(self.headers, cells, strict=True)
+        ]
 
 
 def is_number(cell: str) -> bool:

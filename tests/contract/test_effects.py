@@ -83,7 +83,8 @@ def test_saved_and_loaded_by_a_rig_file(name, tmp_path):
     source = tmp_path / "rig.toml"
     source.write_text(
         "[rotor]\nmass_kg = 1.0\nstiffness_n_per_m = 5e4\ndamping_ratio = 0.02\n"
-        "[probes]\nX = { angle_deg = 0.0 }\nY = { angle_deg = 90.0 }\n[planes]\ndisk1 = {}\ndisk2 = { participation = 0.9 }\n"
+        "[probes]\nX = { angle_deg = 0.0 }\nY = { angle_deg = 90.0 }\n[planes]\ndisk1 = {}\ndisk2 = { participation = "
+        "0.9 }\n"
     )
     rig = read_rig(source)
     model = rig.model.with_orders((1.0, 2.0))
@@ -110,13 +111,21 @@ def test_effects_are_final_and_hooks_abstract():
 
 def test_sets_of_effects_commute(plain, conditions):
     some = [CATALOG[n]() for n in CATALOG]
-    some = [e.sized(LAYOUT).replaced([0.3 * p.prior_scale(plain.rotor) + jnp.zeros(p.shape(LAYOUT)) for p in e.parameters()]) for e in some]
+    some = [
+        e.sized(LAYOUT).replaced(
+            [0.3 * p.prior_scale(plain.rotor) + jnp.zeros(p.shape(LAYOUT)) for p in e.parameters()]
+        )
+        for e in some
+    ]
     forth, back = sum(some, plain), sum(reversed(some), plain)
     np.testing.assert_array_equal(response(forth, conditions), response(back, conditions))
 
 
 def test_wrong_shape_names_the_entries(plain):
-    with pytest.raises(ValueError, match=r"probe_angle: angle_rad has shape \(3,\); give one number, or one each for angle_rad.X, angle_rad.Y"):
+    with pytest.raises(
+        ValueError,
+        match=r"probe_angle: angle_rad has shape \(3,\); give one number, or one each for angle_rad.X, angle_rad.Y",
+    ):
         plain + effects.ProbeAngle([0.1, 0.2, 0.3])
 
 
@@ -133,7 +142,10 @@ def test_wrong_shape_names_the_entries(plain):
         (effects.CoulombFriction(-1.0), "a negative friction"),
         (effects.Crack(3e4, -5e4), "deeper than the shaft"),
         (effects.Crack(3e4, -3e4), None),
-        (effects.AsymmetricShaft(6e4, 0.0), "takes 6e+04 N/m on its soft side, more than the 5.13e+04 N/m that the shaft has"),
+        (
+            effects.AsymmetricShaft(6e4, 0.0),
+            "takes 6e+04 N/m on its soft side, more than the 5.13e+04 N/m that the shaft has",
+        ),
         (TERMS["term_dead_band_x"](-1e3, 1e3), "a stop that pulls"),
         (TERMS["term_one_sided_stop_y"](-1e3, -1e3), "a stop that pulls"),
         (TERMS["term_one_sided_stop_y"](1e3, -1e3), None),

@@ -14,10 +14,12 @@ LAYERS = [
 ]  # fmt: skip
 LEVEL = {name: level for level, name in enumerate(LAYERS)}
 PUBLIC = {
-    "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation", "ExcitationEffect", "Explanation", "Fault", "Fit",
-    "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",
-    "ReadingEffect", "Rig", "Rival", "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain", "fit",
-    "fit_steps", "Instant", "RestoringEffect", "WaveformEffect", "parameter", "read_measurement", "read_rig", "response", "rivals", "tell",
+    "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation",
+    "ExcitationEffect", "Explanation", "Fault", "Fit", "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices",
+    "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading", "ReadingEffect", "Rig", "Rival",
+    "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain",
+    "fit", "fit_steps", "Instant", "RestoringEffect", "WaveformEffect", "parameter", "read_measurement", "read_rig",
+    "response", "rivals", "tell",
     "SteadyStates", "steady_states",
 }  # fmt: skip
 
@@ -55,7 +57,7 @@ def test_files_stay_readable():
         assert len(text.splitlines()) <= 500, path
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef):
-                assert node.end_lineno - node.lineno < 65, f"{path.name}: {node.name}"
+                assert node.end_lineno - node.lineno < 55, f"{path.name}: {node.name}"
 
 
 def test_matplotlib_and_printing_have_one_home():
@@ -63,10 +65,13 @@ def test_matplotlib_and_printing_have_one_home():
         text = path.read_text(encoding="utf-8")
         if path.name not in {"plots.py", "pictures.py", "figures.py"}:
             assert "matplotlib" not in text.replace("matplotlib figure", ""), path
-        if path.name != "cli.py":
+        if "cli" not in path.relative_to(ROOT).parts:
             assert not any(isinstance(n, ast.Name) and n.id == "print" for n in ast.walk(ast.parse(text))), path
 
 
 def test_import_changes_no_setting_and_loads_no_jax():
-    code = "import sys, rotorjax; assert 'jax' not in sys.modules; rotorjax.Jeffcott; import jax; assert not jax.config.jax_enable_x64"
+    code = (
+        "import sys, rotorjax; assert 'jax' not in sys.modules; rotorjax.Jeffcott; import jax; assert not "
+        "jax.config.jax_enable_x64"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,4 +1,6 @@
-"""Harmonic balance against time integration: every force that depends on motion, alone and all together, below, near and above resonance."""
+"""Harmonic balance against time integration: every force that depends on motion, alone and all together, below, near
+and above resonance.
+"""
 
 import dataclasses
 
@@ -29,7 +31,9 @@ PLAIN = NonlinearRotor(MASS, STIFFNESS, DAMPING, unbalance=UNBALANCE, bow=BOW)
 CUBIC, CONTACT, FRICTION, DRAG, STICK, LIMIT = 5e10, 1.5e4, 0.2, 500.0, 0.05, 5e-4
 LOSS, DIFFERENCE = 3000.0 * np.exp(0.5j), 1000.0 * np.exp(0.7j)
 SMOOTH, CORNERED = 1e-6, 1e-3
-"""Tolerances, of the largest vibration. A force with a corner leaves harmonics at all orders, and instants that miss the corner."""
+"""Tolerances, of the largest vibration. A force with a corner leaves harmonics at all orders, and instants that miss
+the corner.
+"""
 
 
 FORCES = {name: cls for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect)}
@@ -46,23 +50,48 @@ def gap_for(gravity: tuple[float, float]) -> float:
 
 CASES = {
     "duffing": (SMOOTH, lambda gravity, sense: (effects.Duffing(CUBIC), in_time.duffing(CUBIC))),
-    "clearance": (CORNERED, lambda gravity, sense: (effects.Clearance(CONTACT, 1 / gap_for(gravity)), in_time.clearance(CONTACT, gap_for(gravity)))),
+    "clearance": (
+        CORNERED,
+        lambda gravity, sense: (
+            effects.Clearance(CONTACT, 1 / gap_for(gravity)),
+            in_time.clearance(CONTACT, gap_for(gravity)),
+        ),
+    ),
     "rub": (
         CORNERED,
-        lambda gravity, sense: (effects.Rub(CONTACT, 1 / gap_for(gravity), FRICTION), in_time.rub(CONTACT, gap_for(gravity), FRICTION, sense)),
+        lambda gravity, sense: (
+            effects.Rub(CONTACT, 1 / gap_for(gravity), FRICTION),
+            in_time.rub(CONTACT, gap_for(gravity), FRICTION, sense),
+        ),
     ),
     "crack": (SMOOTH, lambda gravity, sense: (effects.Crack(*pair(LOSS)), in_time.crack(LOSS, sense, gravity))),
-    "asymmetric_shaft": (SMOOTH, lambda gravity, sense: (effects.AsymmetricShaft(*pair(DIFFERENCE)), in_time.asymmetric_shaft(DIFFERENCE, sense))),
-    "quadratic_damping": (SMOOTH, lambda gravity, sense: (effects.QuadraticDamping(DRAG), in_time.quadratic_damping(DRAG))),
-    "coulomb_friction": (CORNERED, lambda gravity, sense: (effects.CoulombFriction(STICK), in_time.coulomb_friction(STICK))),
+    "asymmetric_shaft": (
+        SMOOTH,
+        lambda gravity, sense: (
+            effects.AsymmetricShaft(*pair(DIFFERENCE)),
+            in_time.asymmetric_shaft(DIFFERENCE, sense),
+        ),
+    ),
+    "quadratic_damping": (
+        SMOOTH,
+        lambda gravity, sense: (effects.QuadraticDamping(DRAG), in_time.quadratic_damping(DRAG)),
+    ),
+    "coulomb_friction": (
+        CORNERED,
+        lambda gravity, sense: (effects.CoulombFriction(STICK), in_time.coulomb_friction(STICK)),
+    ),
 }
 
 
-def balanced(added: list[Effect], gravity: tuple[float, float], sense: int = 1, *, speeds=SPEEDS, orders=ORDERS) -> np.ndarray:
+def balanced(
+    added: list[Effect], gravity: tuple[float, float], sense: int = 1, *, speeds=SPEEDS, orders=ORDERS
+) -> np.ndarray:
     rotor = Jeffcott(MASS, STIFFNESS, RATIO, gravity=gravity, rotation="x-to-y" if sense > 0 else "y-to-x")
     conditions = Conditions.at(speeds, unbalance=pair(UNBALANCE), bow=pair(BOW))
     # All other forces beside them, at their null: one program for all.
-    return np.asarray(response(with_company(Model(rotor, layout=Layout(orders=orders)).plus(added), FORCES, FORCES), conditions))
+    return np.asarray(
+        response(with_company(Model(rotor, layout=Layout(orders=orders)).plus(added), FORCES, FORCES), conditions)
+    )
 
 
 def assert_same(found: np.ndarray, rotor: NonlinearRotor, tolerance: float, *, speeds=SPEEDS, orders=ORDERS) -> None:
@@ -93,9 +122,19 @@ def test_a_stop_ten_times_as_stiff_as_the_shaft():
     """Its corners reach orders far above 7X: with those alone the motion is wrong by 0.6 %."""
     stiffness, gap, slight, speed, gravity = 1.5e5, 8.8e-5, 0.1, 230.0, DOWN
     rotor = Jeffcott(1.3, [stiffness, stiffness], 0.025, gravity=gravity)
-    found = response(Model(rotor, layout=Layout(orders=ORDERS)) + effects.Rub(1.5e6, 1 / gap, slight), Conditions.at([speed], unbalance=[2.6e-5, 0.0]))
+    found = response(
+        Model(rotor, layout=Layout(orders=ORDERS)) + effects.Rub(1.5e6, 1 / gap, slight),
+        Conditions.at([speed], unbalance=[2.6e-5, 0.0]),
+    )
     damping = 2.0 * 0.025 * np.sqrt(stiffness * 1.3)
-    same = NonlinearRotor(1.3, (stiffness, stiffness), (damping, damping), unbalance=2.6e-5, gravity=gravity, forces=(in_time.rub(1.5e6, gap, slight, 1),))
+    same = NonlinearRotor(
+        1.3,
+        (stiffness, stiffness),
+        (damping, damping),
+        unbalance=2.6e-5,
+        gravity=gravity,
+        forces=(in_time.rub(1.5e6, gap, slight, 1),),
+    )
     assert_same(np.asarray(found), same, CORNERED, speeds=(speed,))
 
 
@@ -134,12 +173,14 @@ def test_all_forces_together():
     """Each a third as strong as alone, read by a probe that saturates."""
     share, gap = 0.3, 2.2e-4
     added = [
-        effects.ProbeSaturation(1 / LIMIT), effects.Rub(share * CONTACT, 1 / gap, FRICTION), effects.QuadraticDamping(share * DRAG),
+        effects.ProbeSaturation(1 / LIMIT), effects.Rub(share * CONTACT, 1 / gap, FRICTION),
+        effects.QuadraticDamping(share * DRAG),
         effects.Duffing(share * CUBIC), effects.Crack(*pair(share * LOSS)), effects.CoulombFriction(share * STICK),
         effects.Clearance(share * CONTACT, 1 / gap), effects.AsymmetricShaft(*pair(share * DIFFERENCE)),
     ]  # fmt: skip
     forces = (
-        in_time.asymmetric_shaft(share * DIFFERENCE, -1), in_time.clearance(share * CONTACT, gap), in_time.coulomb_friction(share * STICK),
+        in_time.asymmetric_shaft(share * DIFFERENCE, -1), in_time.clearance(share * CONTACT, gap),
+        in_time.coulomb_friction(share * STICK),
         in_time.crack(share * LOSS, -1, DOWN), in_time.duffing(share * CUBIC), in_time.quadratic_damping(share * DRAG),
         in_time.rub(share * CONTACT, gap, FRICTION, -1),
     )  # fmt: skip
@@ -155,7 +196,9 @@ def test_another_integrator_agrees_on_duffing():
     def rate(t, state, args):
         q, v = state[:2] * micro, state[2:] * micro
         angles = speed * t + jnp.angle(jnp.array([UNBALANCE, BOW]))
-        pull, bow = jnp.abs(jnp.array([UNBALANCE, BOW]))[:, None] * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1)
+        pull, bow = jnp.abs(jnp.array([UNBALANCE, BOW]))[:, None] * jnp.stack(
+            [jnp.cos(angles), jnp.sin(angles)], axis=1
+        )
         bent = q - bow
         resists = (jnp.array(STIFFNESS) + CUBIC * jnp.sum(bent**2)) * bent + jnp.array(DAMPING) * v
         return jnp.concatenate([v, (speed**2 * pull - resists) / MASS + jnp.array(DOWN)]) / micro
@@ -167,18 +210,42 @@ def test_another_integrator_agrees_on_duffing():
     @jax.jit
     def integrate(start):
         term, save = diffrax.ODETerm(rate), diffrax.SaveAt(ts=jnp.asarray(times))
-        return diffrax.diffeqsolve(term, diffrax.Dopri8(), 0.0, times[-1], None, start, saveat=save, stepsize_controller=controller, max_steps=20_000).ys
+        return diffrax.diffeqsolve(
+            term,
+            diffrax.Dopri8(),
+            0.0,
+            times[-1],
+            None,
+            start,
+            saveat=save,
+            stepsize_controller=controller,
+            max_steps=20_000,
+        ).ys
 
     waves = np.asarray(integrate(jnp.zeros(4)))[:, :2].T * micro
-    found = np.stack([(1 if n == 0 else 2) * np.mean(waves * np.exp(-1j * n * speed * times), axis=1) for n in ORDERS], axis=1)
-    assert_same(found[None], dataclasses.replace(PLAIN, gravity=DOWN, forces=(in_time.duffing(CUBIC),)), SMOOTH, speeds=(speed,))
-    np.testing.assert_allclose(balanced([effects.Duffing(CUBIC)], DOWN)[SPEEDS.index(speed)], found, rtol=0.0, atol=SMOOTH * np.max(np.abs(found[:, 1:])))
+    found = np.stack(
+        [(1 if n == 0 else 2) * np.mean(waves * np.exp(-1j * n * speed * times), axis=1) for n in ORDERS], axis=1
+    )
+    assert_same(
+        found[None], dataclasses.replace(PLAIN, gravity=DOWN, forces=(in_time.duffing(CUBIC),)), SMOOTH, speeds=(speed,)
+    )
+    np.testing.assert_allclose(
+        balanced([effects.Duffing(CUBIC)], DOWN)[SPEEDS.index(speed)],
+        found,
+        rtol=0.0,
+        atol=SMOOTH * np.max(np.abs(found[:, 1:])),
+    )
 
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_oracle_without_forces_is_the_linear_one(sense):
-    linear = TimeRotor(MASS, STIFFNESS, DAMPING, sense, unbalance=UNBALANCE, bow=BOW, force_2=(0.5 + 0.1j, -0.4 + 0.25j))
-    twice = tuple(in_time.pulsating(-force, direction, 2) for force, direction in zip(linear.force_2, (0.0, np.pi / 2), strict=True))
+    linear = TimeRotor(
+        MASS, STIFFNESS, DAMPING, sense, unbalance=UNBALANCE, bow=BOW, force_2=(0.5 + 0.1j, -0.4 + 0.25j)
+    )
+    twice = tuple(
+        in_time.pulsating(-force, direction, 2)
+        for force, direction in zip(linear.force_2, (0.0, np.pi / 2), strict=True)
+    )
     found = dataclasses.replace(PLAIN, sense=sense, forces=twice).vectors(215.0, (1.0, 2.0))
     expected = linear.vectors(215.0, (1, 2))
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.max(np.abs(expected)))
@@ -199,7 +266,13 @@ def test_measurements_with_a_hidden_force(rng):
     force = in_time.duffing(CUBIC)
     clean = in_time.measure(MACHINE, plan, lambda speed: (force,), rng, gravity=DOWN)
     assert clean.shape == (4, 2, 2)
-    assert_same(clean[:2], dataclasses.replace(PLAIN, gravity=DOWN, forces=(force,)), 1e-12, speeds=plan.speeds, orders=plan.orders)
+    assert_same(
+        clean[:2],
+        dataclasses.replace(PLAIN, gravity=DOWN, forces=(force,)),
+        1e-12,
+        speeds=plan.speeds,
+        orders=plan.orders,
+    )
     trial = dataclasses.replace(PLAIN, gravity=DOWN, forces=(force,), unbalance=UNBALANCE + 5e-6j)
     assert_same(clean[2:], trial, 1e-12, speeds=plan.speeds, orders=plan.orders)
     noisy = in_time.measure(MACHINE, dataclasses.replace(plan, sigma=1e-6), (force,), rng, gravity=DOWN)

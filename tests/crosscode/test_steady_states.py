@@ -47,14 +47,18 @@ def reached(speed: float, begun: np.ndarray, turns: int = 250) -> np.ndarray:
         return np.concatenate([v, (pull - DAMPING * v - (STIFFNESS + CUBIC * (q @ q)) * q) / MASS])
 
     times = (turns + np.arange(64) / 64) * TURN / speed
-    path = solve_ivp(rate, (0.0, times[-1]), begun, "DOP853", times, rtol=1e-8, atol=1e-12 * np.array([1.0, 1.0, speed, speed]))
+    path = solve_ivp(
+        rate, (0.0, times[-1]), begun, "DOP853", times, rtol=1e-8, atol=1e-12 * np.array([1.0, 1.0, speed, speed])
+    )
     return 2 * np.mean(path.y[:2] * np.exp(-1j * speed * times), axis=1)
 
 
 def growth(mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, speed: float) -> float:
     """Largest exp(Re λ T) over one turn."""
     size = len(mass)
-    rate = np.block([[np.zeros((size, size)), np.eye(size)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
+    rate = np.block(
+        [[np.zeros((size, size)), np.eye(size)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
+    )
     return float(np.exp(np.max(np.linalg.eigvals(rate).real) * TURN / speed))
 
 
@@ -104,18 +108,29 @@ def test_internal_damping_beyond_its_threshold(rotation):
     turning = 2.0 * DAMPING
     threshold = FREQUENCY * (1 + DAMPING / turning)
     speeds = threshold * np.array([0.5, 0.95, 1.05, 1.5])
-    states = steady_states(Jeffcott(MASS, STIFFNESS, RATIO, rotation=rotation) + effects.InternalDamping(turning), Conditions.at(speeds, unbalance=[1e-5, 0.0]))
+    states = steady_states(
+        Jeffcott(MASS, STIFFNESS, RATIO, rotation=rotation) + effects.InternalDamping(turning),
+        Conditions.at(speeds, unbalance=[1e-5, 0.0]),
+    )
     stiffness = [STIFFNESS * np.eye(2) + turning * speed * WHIRL for speed in speeds]
-    expected = [growth(MASS * np.eye(2), (DAMPING + turning) * np.eye(2), k, speed) for k, speed in zip(stiffness, speeds, strict=True)]
+    expected = [
+        growth(MASS * np.eye(2), (DAMPING + turning) * np.eye(2), k, speed)
+        for k, speed in zip(stiffness, speeds, strict=True)
+    ]
     np.testing.assert_allclose(states.multiplier, expected, rtol=1e-9)
     assert states.result.tolist() == [BALANCED, BALANCED, UNSTABLE, UNSTABLE]
     assert states.others == ((), (), (), ())
     rpm = [f"{speed * 60 / TURN:.0f}" for speed in speeds[2:]]
-    assert states.words() == [f"At 2 of 4 conditions (speeds {rpm[0]} and {rpm[1]} rpm) the steady state is unstable: the machine does not stay there."]
+    assert states.words() == [
+        f"At 2 of 4 conditions (speeds {rpm[0]} and {rpm[1]} rpm) the steady state is unstable: the machine does not "
+        "stay there."
+    ]
 
 
 def test_asymmetric_shaft_between_its_critical_speeds():
-    """In the turning frame the matrices are constant: M (q̈ + 2Ω G q̇ - Ω² q) + c (q̇ + Ω G q) + K q, G a quarter turn. Slow roll is subtracted."""
+    """In the turning frame the matrices are constant: M (q̈ + 2Ω G q̇ - Ω² q) + c (q̇ + Ω G q) + K q, G a quarter turn.
+    Slow roll is subtracted.
+    """
     difference, ratio, gyre = 4e3, 0.002, -WHIRL
     damping = 2 * ratio * np.sqrt(STIFFNESS * MASS)
     critical = np.sqrt((STIFFNESS + difference * np.array([-1.0, 1.0])) / MASS)
@@ -127,7 +142,13 @@ def test_asymmetric_shaft_between_its_critical_speeds():
     np.testing.assert_allclose(states.vectors, np.asarray(response(model, conditions)), rtol=1e-9)
     stiffness = np.diag(STIFFNESS + difference * np.array([1.0, -1.0]))
     expected = [
-        growth(MASS * np.eye(2), damping * np.eye(2) + 2 * MASS * w * gyre, stiffness - MASS * w**2 * np.eye(2) + damping * w * gyre, w) for w in speeds
+        growth(
+            MASS * np.eye(2),
+            damping * np.eye(2) + 2 * MASS * w * gyre,
+            stiffness - MASS * w**2 * np.eye(2) + damping * w * gyre,
+            w,
+        )
+        for w in speeds
     ]
     np.testing.assert_allclose(states.multiplier, expected, rtol=1e-4)
     assert states.result.tolist() == [BALANCED, UNSTABLE, BALANCED]
@@ -135,7 +156,9 @@ def test_asymmetric_shaft_between_its_critical_speeds():
 
 
 def test_half_order_motion_beside_an_unstable_one():
-    """A loose support reached for part of the turn: at 491 rad/s motion that repeats every turn is unstable, and one at 1/2X is stable."""
+    """A loose support reached for part of the turn: at 491 rad/s motion that repeats every turn is unstable, and one at
+    1/2X is stable.
+    """
     gap, contact, unbalance = 1.96e-4, 1e5, 2e-5
     speeds = 300.0 + 350.0 / 11 * np.array([0, 6])
     rotor = Jeffcott(MASS, STIFFNESS, RATIO, gravity=DOWN)
@@ -146,9 +169,20 @@ def test_half_order_motion_beside_an_unstable_one():
     assert other.stable
     assert not states.others[1][-1].stable
     force = clearance(contact, gap)
-    in_time = NonlinearRotor(MASS, (STIFFNESS, STIFFNESS), (DAMPING, DAMPING), gravity=DOWN, unbalance=unbalance, forces=(force,), transient=300)
+    in_time = NonlinearRotor(
+        MASS,
+        (STIFFNESS, STIFFNESS),
+        (DAMPING, DAMPING),
+        gravity=DOWN,
+        unbalance=unbalance,
+        forces=(force,),
+        transient=300,
+    )
     orbit = in_time.orbit(speeds[1], 2, np.array([1e-4, -2e-4, 0.0, 0.0]))
-    expected = [(2 - (n == 0)) * np.mean(orbit.position * np.exp(-1j * n * speeds[1] * orbit.times)[:, None], axis=0) for n in (0.0, 0.5, 1.0, 2.0)]
+    expected = [
+        (2 - (n == 0)) * np.mean(orbit.position * np.exp(-1j * n * speeds[1] * orbit.times)[:, None], axis=0)
+        for n in (0.0, 0.5, 1.0, 2.0)
+    ]
     expected = np.stack(expected, axis=1)
     assert abs(expected[1, 1]) > 1e-5
     # Half of the order may begin in either of two turns.
@@ -159,15 +193,21 @@ def test_half_order_motion_beside_an_unstable_one():
 
 
 def test_two_motions_at_half_the_order_and_both_are_found():
-    """At 540 rad/s motion that repeats every turn is unstable, and where the rotor begins decides between two that take two turns."""
+    """At 540 rad/s motion that repeats every turn is unstable, and where the rotor begins decides between two that take
+    two turns.
+    """
     mass, stiffness, ratio, speed = 0.9686, (56538.0, 51282.0), (0.01, 0.05 / 3), 540.0
     contact, gap, unbalance, orders = 5.4e4, 1.9e-4, 2e-5, (0.0, 0.5, 1.0, 2.0)
-    model = Model(Jeffcott(mass, list(stiffness), list(ratio), gravity=DOWN), layout=Layout(orders=orders)) + effects.Clearance(contact, 1 / gap)
+    model = Model(
+        Jeffcott(mass, list(stiffness), list(ratio), gravity=DOWN), layout=Layout(orders=orders)
+    ) + effects.Clearance(contact, 1 / gap)
     states = steady_states(model, Conditions.at([speed], unbalance=[unbalance, 0.0]))
     assert states.result.tolist() == [UNSTABLE]
     found = [np.abs(other.vectors[:, 1]) for other in states.others[0] if other.stable]
     damping = tuple(2 * r * np.sqrt(k * mass) for r, k in zip(ratio, stiffness, strict=True))
-    in_time = NonlinearRotor(mass, stiffness, damping, gravity=DOWN, unbalance=unbalance, forces=(clearance(contact, gap),), transient=400)
+    in_time = NonlinearRotor(
+        mass, stiffness, damping, gravity=DOWN, unbalance=unbalance, forces=(clearance(contact, gap),), transient=400
+    )
     reached = []
     for begun in ([0.0, -2e-4, 0.0, 0.0], [-3e-4, -3e-4, 0.0, 0.1]):
         orbit = in_time.orbit(speed, 2, np.array(begun))
@@ -180,25 +220,42 @@ def test_two_motions_at_half_the_order_and_both_are_found():
 
 
 HARD_STOPS = {
-    "three times as stiff": (Jeffcott(3.6476, [222320.0, 213490.0], 0.03677), (653720.0, 4.3423e-6, 0.1), 4.7652e-5, 132.855),
-    "ten times as stiff": (Jeffcott(5.3113, [213310.0, 211721.0], 0.03626, gravity=DOWN), (2125155.0, 2.23344e-4, 0.25), 2.71915e-4, 148.642),
+    "three times as stiff": (
+        Jeffcott(3.6476, [222320.0, 213490.0], 0.03677),
+        (653720.0, 4.3423e-6, 0.1),
+        4.7652e-5,
+        132.855,
+    ),
+    "ten times as stiff": (
+        Jeffcott(5.3113, [213310.0, 211721.0], 0.03626, gravity=DOWN),
+        (2125155.0, 2.23344e-4, 0.25),
+        2.71915e-4,
+        148.642,
+    ),
 }
 """Rotor, stop (stiffness, gap, friction), unbalance and speed."""
 
 
 @pytest.mark.parametrize(("rotor", "stop", "unbalance", "speed"), HARD_STOPS.values(), ids=HARD_STOPS)
 def test_what_a_rubbing_rotor_comes_to_is_found_beside_an_unstable_motion(rotor, stop, unbalance, speed):
-    """From rest, and its stability is judged with the corners where contact begins and ends; along 7 orders the multiplier of the first is 1.15."""
+    """From rest, and its stability is judged with the corners where contact begins and ends; along 7 orders the
+    multiplier of the first is 1.15.
+    """
     stiffness, gap, friction = stop
     model = Model(rotor, layout=Layout(orders=(0.0, 1.0, 2.0))) + effects.Rub(stiffness, 1.0 / gap, friction)
     states = steady_states(model, Conditions.at([speed], unbalance=[unbalance, 0.0]))
     stiff, drag, weight = ((float(a), float(b)) for a, b in (rotor.stiffness, rotor.damping, rotor.gravity))
-    there = NonlinearRotor(float(rotor.mass), stiff, drag, gravity=weight, unbalance=unbalance, forces=(rub(*stop, 1),), transient=150).orbit(speed)
+    there = NonlinearRotor(
+        float(rotor.mass), stiff, drag, gravity=weight, unbalance=unbalance, forces=(rub(*stop, 1),), transient=150
+    ).orbit(speed)
     waves = np.exp(-1j * speed * there.times * np.arange(3)[:, None]) * np.array([[1.0], [2.0], [2.0]])
     expected = there.position.T @ waves.T / len(there.times)
     assert states.result[0] == UNSTABLE
     assert "but a stable one exists" in " ".join(states.words())
-    found = min((other for other in states.others[0] if other.stable), key=lambda other: np.max(np.abs(other.vectors - expected)))
+    found = min(
+        (other for other in states.others[0] if other.stable),
+        key=lambda other: np.max(np.abs(other.vectors - expected)),
+    )
     assert np.max(np.abs(found.vectors - expected)) < 1e-3 * np.max(np.abs(expected[:, 1:]))
     assert found.multiplier == pytest.approx(there.multiplier, abs=0.01)
 
@@ -226,7 +283,11 @@ def test_foundation_has_motion_of_its_own():
     """Four degrees of freedom, by hand; with cross-coupling on the disk, turned axes and slow roll subtracted."""
     stiffness, compliance, frequency, damping, cross, angle = np.array([5e4, 6e4]), 1 / 2e5, -0.4, 0.3, 8000.0, 0.3
     rotor = Jeffcott(MASS, stiffness, RATIO)
-    added = [effects.Foundation(compliance, frequency, damping), effects.CrossCoupling(cross), effects.StiffnessAxes(angle)]
+    added = [
+        effects.Foundation(compliance, frequency, damping),
+        effects.CrossCoupling(cross),
+        effects.StiffnessAxes(angle),
+    ]
     model, speeds = Model(rotor, slow_roll=20.0).plus(added), np.array([90.0, 200.0, 400.0])
     conditions = Conditions.at(speeds, unbalance=[1e-5, 0.0], bow=[1e-5, 0.0])
     own = np.sqrt(np.mean(stiffness) / MASS) * np.exp(frequency)
@@ -244,7 +305,9 @@ def test_foundation_has_motion_of_its_own():
 
 
 class _Soft(SupportEffect):
-    """Compliance a (1 + iωτ)^(-1/2) in series: without τ a spring, else nothing that has an equation of motion of finite size."""
+    """Compliance a (1 + iωτ)^(-1/2) in series: without τ a spring, else nothing that has an equation of motion of
+    finite size.
+    """
 
     name: ClassVar[str] = "soft"
     family: ClassVar[Family] = "structure"
@@ -254,16 +317,24 @@ class _Soft(SupportEffect):
     delay_s: Array = parameter("time τ", scale=0.1, of="period")
 
     def support(self, point: OperatingPoint) -> Support:
-        return Support(compliance=self.compliance_m_per_n / jnp.sqrt(1.0 + 1j * point.frequency * self.delay_s) * jnp.ones(2))
+        return Support(
+            compliance=self.compliance_m_per_n / jnp.sqrt(1.0 + 1j * point.frequency * self.delay_s) * jnp.ones(2)
+        )
 
 
 def test_compliance_of_other_kinds():
-    """A spring in series is part of the stiffness; of a compliance that no foundation has stability is not known, and that is said."""
+    """A spring in series is part of the stiffness; of a compliance that no foundation has stability is not known, and
+    that is said.
+    """
     conditions = Conditions.at([100.0, 300.0], unbalance=[1e-5, 0.0])
     rotor = Jeffcott(MASS, STIFFNESS, RATIO)
     states = steady_states(rotor + _Soft(1 / STIFFNESS), conditions)
-    expected = [growth(MASS * np.eye(2), DAMPING * np.eye(2), 0.5 * STIFFNESS * np.eye(2), speed) for speed in (100.0, 300.0)]
+    expected = [
+        growth(MASS * np.eye(2), DAMPING * np.eye(2), 0.5 * STIFFNESS * np.eye(2), speed) for speed in (100.0, 300.0)
+    ]
     np.testing.assert_allclose(states.multiplier, expected, rtol=1e-9)
     states = steady_states(rotor + _Soft(1 / STIFFNESS, 0.01), conditions)
     assert np.all(np.isnan(states.multiplier))
-    assert states.words()[0].startswith("At 2 of 2 conditions (speeds 955 and 2865 rpm) whether the steady state is stable is not known")
+    assert states.words()[0].startswith(
+        "At 2 of 2 conditions (speeds 955 and 2865 rpm) whether the steady state is stable is not known"
+    )

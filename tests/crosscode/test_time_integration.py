@@ -37,17 +37,28 @@ def foundation_of(compliance: float, log_frequency: float, log_damping: float) -
 
 def stiffening(speed: float) -> TimeRotor:
     growth = (speed / OMEGA_N) ** 2
-    return dataclasses.replace(PLAIN, stiffness=(STIFFNESS[0] * (1 + 0.04 * growth), STIFFNESS[1] * (1 - 0.03 * growth)))
+    return dataclasses.replace(
+        PLAIN, stiffness=(STIFFNESS[0] * (1 + 0.04 * growth), STIFFNESS[1] * (1 - 0.03 * growth))
+    )
 
 
 CASES = {
     "residual_unbalance": (effects.ResidualUnbalance(3e-6, -5e-6), scaled(unbalance=UNBALANCE + 3e-6 - 5e-6j)),
     "residual_bow": (effects.ResidualBow(4e-6, 7e-6), scaled(bow=BOW + 4e-6 + 7e-6j)),
     "thermal_bow": (effects.ThermalBow(20e-6, -10e-6), thermal),
-    "misalignment": (effects.Misalignment(0.3, -0.2, 0.5, 0.1, -0.4, 0.25), scaled(force_1=0.3 - 0.2j, force_2=(0.5 + 0.1j, -0.4 + 0.25j))),
-    "stiffness_error": (effects.StiffnessError(0.05, -0.08), scaled(stiffness=(STIFFNESS[0] * 1.05, STIFFNESS[1] * 0.92))),
+    "misalignment": (
+        effects.Misalignment(0.3, -0.2, 0.5, 0.1, -0.4, 0.25),
+        scaled(force_1=0.3 - 0.2j, force_2=(0.5 + 0.1j, -0.4 + 0.25j)),
+    ),
+    "stiffness_error": (
+        effects.StiffnessError(0.05, -0.08),
+        scaled(stiffness=(STIFFNESS[0] * 1.05, STIFFNESS[1] * 0.92)),
+    ),
     "mass_error": (effects.MassError(0.07), scaled(mass=MASS * 1.07)),
-    "damping_error": (effects.DampingError(0.3, -0.5), scaled(damping=(DAMPING[0] * np.exp(0.3), DAMPING[1] * np.exp(-0.5)))),
+    "damping_error": (
+        effects.DampingError(0.3, -0.5),
+        scaled(damping=(DAMPING[0] * np.exp(0.3), DAMPING[1] * np.exp(-0.5))),
+    ),
     "stiffness_axes": (effects.StiffnessAxes(0.4), scaled(axes=0.4)),
     "cross_coupling": (effects.CrossCoupling(900.0), scaled(cross=900.0)),
     "speed_dependent_stiffness": (effects.SpeedDependentStiffness(0.04, -0.03), stiffening),
@@ -59,7 +70,10 @@ CASES = {
         effects.ChainGain(0.2 * np.cos(0.3) + np.cos(0.3) - 1, 1.2 * np.sin(0.3)),
         lambda speed: dataclasses.replace(PLAIN, gains=(1.2, 1.2), delay=-0.3 / speed),
     ),
-    "probe_angle": (effects.ProbeAngle([0.1, -0.07]), scaled(probes=((0.1, 1.0, False), (np.pi / 2 - 0.07, 1.0, False)))),
+    "probe_angle": (
+        effects.ProbeAngle([0.1, -0.07]),
+        scaled(probes=((0.1, 1.0, False), (np.pi / 2 - 0.07, 1.0, False))),
+    ),
     "phase_reference_offset": (effects.PhaseReferenceOffset(0.9), scaled(reference=0.9)),
     "time_delay": (effects.TimeDelay(4e-4), scaled(delay=4e-4)),
     "runout": (
@@ -94,7 +108,9 @@ def test_no_effect_and_speed_error():
 
 
 def test_every_catalogue_effect_is_checked():
-    timed = {name for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)}  # test_harmonic_balance.py
+    timed = {
+        name for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)
+    }  # test_harmonic_balance.py
     elsewhere = timed | {"speed_error", "plane_participation"}
     assert set(CASES) | elsewhere == set(effects.CATALOG)
 
@@ -119,7 +135,9 @@ def test_bow_through_damping():
 def test_planes_and_probe_participation():
     layout = Layout(planes=("disk1", "disk2"), orders=(1.0, 2.0))
     probes = Probes(np.array([0.3, 2.0]), np.array([0.7, 1.2]), np.zeros(2))
-    model = Model(Jeffcott(MASS, STIFFNESS, RATIO), probes, np.array([1.0, 0.8]), layout=layout) + effects.PlaneParticipation([0.1])
+    model = Model(
+        Jeffcott(MASS, STIFFNESS, RATIO), probes, np.array([1.0, 0.8]), layout=layout
+    ) + effects.PlaneParticipation([0.1])
     weights = np.array([[5e-6, 2e-6], [-3e-6, 4e-6]])
     found = np.asarray(response(model, Conditions.at([215.0], unbalance=weights)))[0]
     total = 5e-6 + 2e-6j + 0.8 * 1.1 * (-3e-6 + 4e-6j)

@@ -51,14 +51,18 @@ def test_error_falls(story):
 
 
 def test_parameters(story):
-    """Residual unbalance 49 g mm; reference offset 75 ± 7°; probes 95 - 0.8 ° apart; second plane 1.10; critical speeds about 1600 and 1660 rpm."""
+    """Residual unbalance 49 g mm; reference offset 75 ± 7°; probes 95 - 0.8 ° apart; second plane 1.10; critical speeds
+    about 1600 and 1660 rpm.
+    """
     last = story.fits[-1]
     x, y = (last.estimate("residual_unbalance", f"unbalance_{a}_kg_m").value for a in "xy")
     assert np.hypot(x, y) * 1e6 == pytest.approx(48.9, abs=1.0)
     offset = last.estimate("phase_reference_offset", "angle_rad")
     assert np.degrees(offset.value) == pytest.approx(75.4, abs=1.0)
     assert 2.0 < np.degrees(offset.standard_error) < 6.0
-    between = np.degrees(last.estimate("probe_angle", "angle_rad.X").value - last.estimate("probe_angle", "angle_rad.Y").value)
+    between = np.degrees(
+        last.estimate("probe_angle", "angle_rad.X").value - last.estimate("probe_angle", "angle_rad.Y").value
+    )
     assert between == pytest.approx(5.9, abs=0.5)
     assert last.estimate("plane_participation", "gain.disk2").value == pytest.approx(0.0996, abs=0.005)
     mass = 1.0 + last.estimate("mass_error", "error").value
@@ -87,9 +91,11 @@ def test_scatter_between_mountings(story):
 
 
 def test_installed_weights_come_back(story, measurement):
-    """Read as unbalance alone, every run's weights are found within 5 g mm or 15 %, the second plane counting 1.1 times.
+    """Read as unbalance alone, every run's weights are found within 5 g mm or 15 %, the second plane counting 1.1
+    times.
 
-    The rig file's uncertain mass (10 %) and damping are estimated along with 21 free faults, which leaves their scale open.
+    The rig file's uncertain mass (10 %) and damping are estimated along with 21 free faults, which leaves their scale
+    open.
     """
     diagnosis = diagnose(story.final_model, measurement)
     gain = 1.0 + story.fits[-1].estimate("plane_participation", "gain.disk2").value

@@ -33,7 +33,9 @@ def test_committed_as_executed(path):
     outputs = [output for cell in cells for output in cell.outputs]
     assert not [output for output in outputs if output.output_type == "error"]
     assert not [output for output in outputs if output.get("name") == "stderr"]
-    assert not [cell.id for cell in notebook.cells if "execution" in cell.metadata], "committed with times of execution, which differ from run to run"
+    assert not [cell.id for cell in notebook.cells if "execution" in cell.metadata], (
+        "committed with times of execution, which differ from run to run"
+    )
     assert [cell.id for cell in notebook.cells] == [f"cell-{k:02d}" for k in range(1, len(notebook.cells) + 1)]
     assert path.stat().st_size < 1024 * LARGEST_KB
 
@@ -54,6 +56,12 @@ def test_executes_anew(path, tmp_path):
     if (results := ROOT / "benchmarks" / "results").exists():
         shutil.copytree(results, tmp_path / "benchmarks" / "results")
     notebook = nbformat.read(path, as_version=4)
-    client = NotebookClient(notebook, timeout=SECONDS, kernel_name="python3", record_timing=False, resources={"metadata": {"path": str(folder)}})
+    client = NotebookClient(
+        notebook,
+        timeout=SECONDS,
+        kernel_name="python3",
+        record_timing=False,
+        resources={"metadata": {"path": str(folder)}},
+    )
     client.execute()
     assert all(cell.execution_count for cell in code_cells(notebook))

@@ -10,14 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax.diagnosis.compensation import Inherent, LinearInverse, average_fault, complex_gain, ifbc, ifc, incremental, inherent_fault, value_errors
+from rotorjax.diagnosis.compensation import (
+    Inherent,
+    LinearInverse,
+    average_fault,
+    complex_gain,
+    ifbc,
+    ifc,
+    incremental,
+    inherent_fault,
+    value_errors,
+)
 from rotorjax.diagnosis.features import FaultValues, components
 from rotorjax.errors import InputError
 from rotorjax.paper.errata import errata
 from rotorjax.paper.pages import prepare, reproduce
 from rotorjax.paper.printed import CASES, SPEEDS, printed
+from rotorjax.paper.schemes import mean_errors_printed, schemes
 from rotorjax.paper.study import Study
-from rotorjax.paper.tables import mean_errors_printed, schemes
 
 COMMITTED = Path(__file__).parents[2] / "paper_tables"
 AMPLIFIED = {"table_01": 3.0}
@@ -49,7 +59,9 @@ def test_the_same_files_are_committed(written):
 
 @pytest.mark.parametrize("name", sorted(p.name for p in COMMITTED.glob("*.csv")))
 def test_committed_numbers_come_out(written, name):
-    """Every cell: text as it is, numbers to a ten thousandth, what a network leaves of zero to a ten thousandth of the value beside it."""
+    """Every cell: text as it is, numbers to a ten thousandth, what a network leaves of zero to a ten thousandth of the
+    value beside it.
+    """
     ours, committed = (rows((folder / name).read_text(encoding="utf-8")) for folder in (written, COMMITTED))
     assert len(ours) == len(committed)
     factor = AMPLIFIED.get(name.removesuffix(".csv"))
@@ -65,7 +77,9 @@ def test_committed_numbers_come_out(written, name):
                 assert 1.0 / factor < float(new[key]) / expected < factor, (key, new)
             elif factor is None or key == "paper":
                 found = float(new[key] or "nan")
-                assert found == pytest.approx(expected, rel=1e-4, abs=1e-4 * size if key in RESIDUES else 0.0, nan_ok=True), (key, new, old)
+                assert found == pytest.approx(
+                    expected, rel=1e-4, abs=1e-4 * size if key in RESIDUES else 0.0, nan_ok=True
+                ), (key, new, old)
 
 
 @pytest.mark.parametrize("name", sorted(p.name for p in COMMITTED.glob("*.md")))
@@ -114,27 +128,50 @@ def test_schemes_coincide_when_the_inverse_is_exact(study, speed):
     """inverse(f - JΔ) = inverse(f) - Δ for a linear inverse; for the network to its own error."""
     r, inherent = study.rebuilt[speed], study.inherent(speed)
     size = np.abs(r.induced).max(axis=0)
-    assert np.allclose(ifbc(r.inverse, r.features, inherent) / size, ifc(r.inverse, r.features, inherent) / size, atol=1e-9)
-    assert np.allclose(ifbc(study.networks[speed], r.features, inherent) / size, ifc(study.networks[speed], r.features, inherent) / size, atol=1e-4)
+    assert np.allclose(
+        ifbc(r.inverse, r.features, inherent) / size, ifc(r.inverse, r.features, inherent) / size, atol=1e-9
+    )
+    assert np.allclose(
+        ifbc(study.networks[speed], r.features, inherent) / size,
+        ifc(study.networks[speed], r.features, inherent) / size,
+        atol=1e-4,
+    )
 
 
 MEANS = {
-    1500.0: {"none": (32.8, 15.5, 26.9, 23.2), "IFC": (39.7, 11.6, 0.8, 2.4), "gain": (3.7, 8.1, 1.2, 1.8), "gain, left out": (5.4, 10.7, 1.6, 2.4)},
-    2500.0: {"none": (20.5, 11.4, 22.8, 17.1), "IFC": (26.6, 8.8, 2.8, 1.2), "gain": (4.2, 6.8, 2.2, 1.0), "gain, left out": (5.8, 9.0, 3.0, 1.3)},
+    1500.0: {
+        "none": (32.8, 15.5, 26.9, 23.2),
+        "IFC": (39.7, 11.6, 0.8, 2.4),
+        "gain": (3.7, 8.1, 1.2, 1.8),
+        "gain, left out": (5.4, 10.7, 1.6, 2.4),
+    },
+    2500.0: {
+        "none": (20.5, 11.4, 22.8, 17.1),
+        "IFC": (26.6, 8.8, 2.8, 1.2),
+        "gain": (4.2, 6.8, 2.2, 1.0),
+        "gain, left out": (5.8, 9.0, 3.0, 1.3),
+    },
 }
-"""Mean errors of U %, α °, s %, θ ° over the four cases, worked out beforehand from tables 4 and 5 without this package."""
+"""Mean errors of U %, α °, s %, θ ° over the four cases, worked out beforehand from tables 4 and 5 without this
+package.
+"""
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_mean_errors_by_scheme(study, speed):
     found = schemes(study, speed)
     for scheme, expected in MEANS[speed].items():
-        assert np.mean(value_errors(found[scheme], study.rebuilt[speed].induced), axis=0) == pytest.approx(expected, abs=0.06)
+        assert np.mean(value_errors(found[scheme], study.rebuilt[speed].induced), axis=0) == pytest.approx(
+            expected, abs=0.06
+        )
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_a_gain_beats_no_compensation_in_all_means_and_an_additive_fault_does_not(study, speed):
-    found = {name: np.mean(value_errors(f, study.rebuilt[speed].induced), axis=0) for name, f in schemes(study, speed).items()}
+    found = {
+        name: np.mean(value_errors(f, study.rebuilt[speed].induced), axis=0)
+        for name, f in schemes(study, speed).items()
+    }
     assert np.all(found["gain, left out"] < found["none"])
     assert found["IFC"][0] > found["none"][0]
     assert found["IFC, left out"][0] > found["none"][0]
@@ -166,7 +203,11 @@ def test_own_inverses(paper_rotor):
     with pytest.raises(ValueError, match="those of each speed in turn, 8 in all"):
         both.diagnose(np.ones((3, 4)))
     one, m = LinearInverse.at(paper_rotor, 1500.0), np.array([1e-6, 0.0, 1e-3, 0.0])
-    for inverse, message in ((one.diagnose, "computes with NumPy"), (lambda f: f[:2], r"gives \(2,\) numbers"), (lambda f: 0.0 * f, "does not answer")):
+    for inverse, message in (
+        (one.diagnose, "computes with NumPy"),
+        (lambda f: f[:2], r"gives \(2,\) numbers"),
+        (lambda f: 0.0 * f, "does not answer"),
+    ):
         with pytest.raises(ValueError, match=message):
             inherent_fault(inverse, np.ones(4), m, np.eye(4))
     found = inherent_fault(one, np.ones(4), m, np.eye(4))
@@ -187,7 +228,9 @@ def test_another_page_is_not_overwritten(study, tmp_path):
 
 def test_table_2_is_what_was_induced(study):
     data = printed("table02_induced_faults")
-    values = FaultValues(*(np.array([float(row[key]) for row in data]) for key in ("U_g_mm", "alpha_deg", "s_mm", "theta_deg")))
+    values = FaultValues(
+        *(np.array([float(row[key]) for row in data]) for key in ("U_g_mm", "alpha_deg", "s_mm", "theta_deg"))
+    )
     for speed in SPEEDS:
         assert np.allclose(components(values), study.rebuilt[speed].induced)
 
@@ -224,7 +267,11 @@ def test_newton_handles_a_curved_inverse(study):
     found = inherent_fault(bent, r.features[0], r.induced[0], r.jacobian)
     assert found.converged
     assert 2 < found.steps <= 10
-    assert np.allclose(np.asarray(bent(jnp.asarray(r.features[0] - found.features))) / np.asarray(size), r.induced[0] / np.asarray(size), atol=1e-9)
+    assert np.allclose(
+        np.asarray(bent(jnp.asarray(r.features[0] - found.features))) / np.asarray(size),
+        r.induced[0] / np.asarray(size),
+        atol=1e-9,
+    )
 
 
 def test_four_cases_per_table():

@@ -63,7 +63,11 @@ def test_paper_equations():
     f2 = -gain[0] * (reach[0] * np.sin(alpha - lag[0]) + bow * np.sin(theta - lag[0]))
     f3 = gain[1] * (reach[1] * np.sin(alpha - lag[1]) + bow * np.sin(theta - lag[1]))
     f4 = gain[1] * (reach[1] * np.cos(alpha - lag[1]) + bow * np.cos(theta - lag[1]))
-    conditions = Conditions.at([speed], unbalance=[unbalance * np.cos(alpha), unbalance * np.sin(alpha)], bow=[bow * np.cos(theta), bow * np.sin(theta)])
+    conditions = Conditions.at(
+        [speed],
+        unbalance=[unbalance * np.cos(alpha), unbalance * np.sin(alpha)],
+        bow=[bow * np.cos(theta), bow * np.sin(theta)],
+    )
     z = np.asarray(response(Jeffcott(mass, stiffness, ratio), conditions))[0, :, 0]
     np.testing.assert_allclose([z[0].real, -z[0].imag, z[1].real, -z[1].imag], [f1, f2, f3, f4], rtol=1e-10)
 
@@ -71,7 +75,9 @@ def test_paper_equations():
 def test_cross_coupling_stability_threshold():
     """k = c ω_n leaves forward whirl at the critical speed without damping (Childs 1993, chapter 1)."""
     threshold = 2 * ZETA * np.sqrt(K * M) * OMEGA
-    below = np.asarray(response(isotropic() + effects.CrossCoupling(0.999 * threshold), Conditions.at([OMEGA], unbalance=[1e-6, 0.0])))
+    below = np.asarray(
+        response(isotropic() + effects.CrossCoupling(0.999 * threshold), Conditions.at([OMEGA], unbalance=[1e-6, 0.0]))
+    )
     plain = np.asarray(response(isotropic(), Conditions.at([OMEGA], unbalance=[1e-6, 0.0])))
     assert abs(forward(below)[0] / forward(plain)[0]) == pytest.approx(1000.0, rel=1e-6)
 
@@ -112,8 +118,12 @@ def test_turned_stiffness_equals_turned_probes():
     rotor = Jeffcott(M, [1.2 * K, 0.8 * K], [0.03, 0.05])
     plain = np.asarray(response(rotor, Conditions.at([0.9 * OMEGA], unbalance=[1e-6, 0.0])))
     even = Jeffcott(M, [1.2 * K, 0.8 * K], [0.0, 0.0])
-    turned_model = Model(even, Probes([angle, np.pi / 2 + angle], [1.0, 1.0], [0.0, 0.0])) + effects.StiffnessAxes(angle)
-    turned = np.asarray(response(turned_model, Conditions.at([0.9 * OMEGA], unbalance=[1e-6 * np.cos(angle), 1e-6 * np.sin(angle)])))
+    turned_model = Model(even, Probes([angle, np.pi / 2 + angle], [1.0, 1.0], [0.0, 0.0])) + effects.StiffnessAxes(
+        angle
+    )
+    turned = np.asarray(
+        response(turned_model, Conditions.at([0.9 * OMEGA], unbalance=[1e-6 * np.cos(angle), 1e-6 * np.sin(angle)]))
+    )
     undamped = np.asarray(response(even, Conditions.at([0.9 * OMEGA], unbalance=[1e-6, 0.0])))
     np.testing.assert_allclose(turned, undamped, rtol=1e-12, atol=1e-20)
     assert not np.allclose(plain, undamped, rtol=1e-3)

@@ -1,4 +1,6 @@
-"""What is missing is found: each effect on the plan that its page calls sufficient, nothing where nothing is, verdicts on hopeless data."""
+"""What is missing is found: each effect on the plan that its page calls sufficient, nothing where nothing is, verdicts
+on hopeless data.
+"""
 
 import dataclasses
 import json
@@ -32,13 +34,17 @@ def names_open(found: Explanation) -> set[str]:
 
 TIMED = {name for name, cls in CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)}
 SHARE = {"clearance": 0.5, "rub": 0.3}
-"""Of the prior scale: more contact leaves no steady motion on these plans, or one whose corners 64 instants per turn resolve to a micrometre only."""
+"""Of the prior scale: more contact leaves no steady motion on these plans, or one whose corners 64 instants per turn
+resolve to a micrometre only.
+"""
 
 
 ONE_OF_EACH_FAMILY = {"thermal_bow", "cross_coupling", "rub", "time_delay"}
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in ONE_OF_EACH_FAMILY else [pytest.mark.campaign]) for name in CATALOG])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in ONE_OF_EACH_FAMILY else [pytest.mark.campaign]) for name in CATALOG]
+)
 def test_every_effect_is_found_on_its_sufficient_plan(name):
     source = hidden_forces if name in TIMED else hidden
     model, measurement, _ = source.sufficient(CATALOG[name], seed=7, factor=SHARE.get(name, 1.0))
@@ -71,7 +77,9 @@ def test_values_come_back():
     assert held == pytest.approx(np.sqrt(2) * 0.3e-6, rel=0.4)
     assert found.story.views[0].rms / held > 10.0
     assert repr(found).startswith("Explanation(explained: cross_coupling; Story(as declared: ")
-    assert all(len(repr(part)) < 200 for part in (found, found.story, found.story.last, found.story.fits[-1], measurement))
+    assert all(
+        len(repr(part)) < 200 for part in (found, found.story, found.story.last, found.story.fits[-1], measurement)
+    )
 
 
 def accused(seeds: range) -> int:
@@ -105,13 +113,20 @@ def test_two_effects_at_once():
 
 def _plan_of(measurement) -> hidden.Plan:
     first = [int(np.argmax(measurement.run == k)) for k in range(len(measurement.runs))]
-    weights = {run: [complex(*pair) for pair in np.asarray(measurement.conditions.unbalance)[k]] for run, k in zip(measurement.runs, first, strict=True)}
+    weights = {
+        run: [complex(*pair) for pair in np.asarray(measurement.conditions.unbalance)[k]]
+        for run, k in zip(measurement.runs, first, strict=True)
+    }
     return hidden.Plan(weights, ())
 
 
 def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
-    monkeypatch.setattr(sys.modules["rotorjax.discovery.explain"], "held_out", lambda contest, selection, ties: HeldOut((1e-6, 1.01e-6), ""))
+    monkeypatch.setattr(
+        sys.modules["rotorjax.discovery.explain"],
+        "held_out",
+        lambda contest, selection, ties: HeldOut((1e-6, 1.01e-6), ""),
+    )
     found = explain(model, measurement)
     assert found.effects == ("cross_coupling",)
     assert not found.confirmed
@@ -121,7 +136,9 @@ def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
 
 
 def test_draws_that_cannot_be_fitted_say_nothing_for_the_noise(monkeypatch):
-    """Friction that is many prior scales large: descents on drawn data found no motion, and the p-value was one at 800 times the noise."""
+    """Friction that is many prior scales large: descents on drawn data found no motion, and the p-value was one at 800
+    times the noise.
+    """
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
     whole = bootstrap.descend
 
@@ -136,7 +153,9 @@ def test_draws_that_cannot_be_fitted_say_nothing_for_the_noise(monkeypatch):
 
 
 def test_verdict_and_table_are_of_one_fit(monkeypatch):
-    """A fit again that ends in a worse optimum, as among several steady motions, does not replace the better one, of which the p-value is."""
+    """A fit again that ends in a worse optimum, as among several steady motions, does not replace the better one, of
+    which the p-value is.
+    """
     module = sys.modules["rotorjax.discovery.explain"]
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
     seen = {}
@@ -163,7 +182,9 @@ def test_measurements_of_any_size_compile_once(monkeypatch):
     for name in ("linear_vectors", "_one_hot"):
         whole = getattr(kernels, name)
         monkeypatch.setattr(kernels, name, lambda *arguments, whole=whole: traced.append(1) or whole(*arguments))
-    other, second, _ = hidden.sufficient(effects.MassError, seed=2, machine=hidden.Machine(2.0, (2e5, 1.9e5), (0.02, 0.04)))
+    other, second, _ = hidden.sufficient(
+        effects.MassError, seed=2, machine=hidden.Machine(2.0, (2e5, 1.9e5), (0.02, 0.04))
+    )
     renamed = dataclasses.replace(other, layout=other.layout._replace(probes=("left", "right")))
     fewer = dataclasses.replace(cut(second, [0, 1, 2, 4, 5]), probes=("left", "right"))
     explain(renamed, fewer, thorough=False)
@@ -220,7 +241,9 @@ def test_no_effect_beyond_those_allowed():
 
 
 def test_what_is_below_the_noise_is_named_small():
-    """Runout of less than the noise of one reading is detected in many, but changes the prediction by less than the noise."""
+    """Runout of less than the noise of one reading is detected in many, but changes the prediction by less than the
+    noise.
+    """
     model, measurement, _ = hidden.sufficient(effects.Runout, seed=4, factor=0.02)
     plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.linspace(60.0, 500.0, 40)), sigma=0.0)
     clean = hidden.measure(hidden.Machine(), plan, {"runout": [8e-9, -8e-9, 8e-9, 8e-9]}, np.random.default_rng(0))
@@ -228,8 +251,10 @@ def test_what_is_below_the_noise_is_named_small():
     run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
     unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
     measured = dataclasses.replace(
-        measurement, run=run, repeat=("",) * len(run), conditions=Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance),
-        vectors=clean + noise[..., 0] + 1j * noise[..., 1], present=np.ones(clean.shape, bool), sigma=np.full(clean.shape, 0.01e-6),
+        measurement, run=run, repeat=("",) * len(run),
+        conditions=Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance),
+        vectors=clean + noise[..., 0] + 1j * noise[..., 1], present=np.ones(clean.shape, bool),
+        sigma=np.full(clean.shape, 0.01e-6),
     )  # fmt: skip
     found = explain(model, measured, thorough=False)
     assert found.effects == ()
@@ -247,7 +272,9 @@ def half_order_data(signs: np.ndarray, *, size: float = 30e-6):
     half = size * np.array([1.0, 0.5 - 0.4j]) + 0.3e-6 * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
     vectors = np.concatenate([(signs[:, None] * half)[..., None], measurement.vectors], axis=2)
     present, sigma = np.ones(vectors.shape, bool), np.full(vectors.shape, 0.3e-6)
-    return model.with_orders(orders), dataclasses.replace(measurement, orders=orders, vectors=vectors, present=present, sigma=sigma)
+    return model.with_orders(orders), dataclasses.replace(
+        measurement, orders=orders, vectors=vectors, present=present, sigma=sigma
+    )
 
 
 def test_signs_of_half_orders_change_nothing():
@@ -261,7 +288,11 @@ def test_signs_of_half_orders_change_nothing():
 def test_half_orders_alone():
     model, measurement = half_order_data(np.ones(8), size=3e-6)
     alone = dataclasses.replace(
-        measurement, orders=(0.5,), vectors=measurement.vectors[..., :1], present=measurement.present[..., :1], sigma=measurement.sigma[..., :1]
+        measurement,
+        orders=(0.5,),
+        vectors=measurement.vectors[..., :1],
+        present=measurement.present[..., :1],
+        sigma=measurement.sigma[..., :1],
     )
     assert explain(model.with_orders((0.5,)), alone, thorough=False).effects == ("runout",)
 
@@ -272,8 +303,9 @@ def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
     assert drawn.effects == ("phase_reference_offset", "probe_gain")
     found = explain(drawn.model, drawn.measurement, thorough=False)
     assert (found.verdict, found.effects) == ("explained", ("chain_gain",))
-    assert "phase_reference_offset and probe_gain together do what chain_gain does, with more determined parameters, and are not needed" in explanation_text(
-        found
+    assert (
+        "phase_reference_offset and probe_gain together do what chain_gain does, with more determined parameters, and "
+        "are not needed" in explanation_text(found)
     )
 
 
@@ -291,7 +323,11 @@ def test_a_tie_without_the_first_order():
     """Twice per turn only: resonances are looked for at 1X all the same."""
     model, measurement, _ = hidden.sufficient(effects.Misalignment, seed=2)
     second = dataclasses.replace(
-        measurement, orders=(2.0,), vectors=measurement.vectors[..., 1:], present=measurement.present[..., 1:], sigma=measurement.sigma[..., 1:]
+        measurement,
+        orders=(2.0,),
+        vectors=measurement.vectors[..., 1:],
+        present=measurement.present[..., 1:],
+        sigma=measurement.sigma[..., 1:],
     )
     found = explain(model.with_orders((2.0,)), second, thorough=False)
     assert "misalignment" in names_open(found)
@@ -301,7 +337,9 @@ def test_a_tie_without_the_first_order():
 
 
 def test_a_probe_that_was_never_read_is_named_where_it_takes_it_to_tell():
-    """Along x alone a thermal bow is an unbalance; with unequal stiffness y tells them apart, at no other reading of x."""
+    """Along x alone a thermal bow is an unbalance; with unequal stiffness y tells them apart, at no
+    other reading of x.
+    """
     model, measurement, _ = hidden.sufficient(effects.ResidualUnbalance, seed=4)
     x_only = dataclasses.replace(measurement, present=measurement.present & np.array([True, False])[:, None])
     assert x_only.probes_read == ("X",)
@@ -315,10 +353,14 @@ def test_a_probe_that_was_never_read_is_named_where_it_takes_it_to_tell():
 
 
 def test_a_declared_uncertain_value_is_estimated_along_and_leaves_the_race():
-    """True mass 10 % off, declared to 2 %, where nothing else may be missing: it moves by some five of its standard deviations, a finding."""
+    """True mass 10 % off, declared to 2 %, where nothing else may be missing: it moves by some five of its standard
+    deviations, a finding.
+    """
     model, measurement, _ = hidden.sufficient(effects.MassError, seed=6, factor=2.0)
     knowledge = Knowledge(uncertain=(Uncertain("mass_error", "error", 0.02, True, "mass"),))
-    found = explain(model, dataclasses.replace(measurement, knowledge=knowledge), only=("runout", "mass_error"), thorough=False)
+    found = explain(
+        model, dataclasses.replace(measurement, knowledge=knowledge), only=("runout", "mass_error"), thorough=False
+    )
     assert "mass_error" not in {r.effect for r in found.rankings[0]}
     estimate = found.story.fits[-1].estimate("mass_error", "error")
     assert abs(estimate.value) == pytest.approx(0.1, abs=0.005)
@@ -327,7 +369,9 @@ def test_a_declared_uncertain_value_is_estimated_along_and_leaves_the_race():
 
 
 def test_scatter_between_runs_does_not_hide_an_effect():
-    """Eight runs whose weights scatter by 2 g mm: the effect is found, the scatter is quantified, and no effect is made of it."""
+    """Eight runs whose weights scatter by 2 g mm: the effect is found, the scatter is quantified, and no effect is made
+    of it.
+    """
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=8)
     rng = np.random.default_rng(8)
     declared = [[complex(25e-6 * np.exp(1j * angle))] for angle in rng.uniform(0.0, 6.0, 8)]
@@ -339,7 +383,8 @@ def test_scatter_between_runs_does_not_hide_an_effect():
         run = np.repeat(np.arange(8), len(speeds))
         unbalance = np.array([[[w.real, w.imag]] for (w,) in declared])[run]
         scattered = dataclasses.replace(
-            measurement, runs=tuple(real), run=run, repeat=("",) * len(run), conditions=Conditions.at(np.tile(speeds, 8), unbalance=unbalance),
+            measurement, runs=tuple(real), run=run, repeat=("",) * len(run),
+            conditions=Conditions.at(np.tile(speeds, 8), unbalance=unbalance),
             vectors=z, present=np.ones(z.shape, bool), sigma=np.full(z.shape, plan.sigma),
         )  # fmt: skip
         found = explain(model, scattered)

@@ -1,4 +1,5 @@
-"""Single fits, of what is hidden, that were once lost: from the starts that its effects declare, with nothing else known.
+"""Single fits, of what is hidden, that were once lost: from the starts that its effects declare, with nothing else
+known.
 
 Whole explanations of most of the same data are in the campaign (`make campaign`).
 """

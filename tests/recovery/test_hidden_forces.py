@@ -1,4 +1,6 @@
-"""Forces that depend on motion beside something else: two at once, an uncertain rig, unknown noise, a probe, runs or speeds that are missing."""
+"""Forces that depend on motion beside something else: two at once, an uncertain rig, unknown noise, a probe, runs or
+speeds that are missing.
+"""
 
 import dataclasses
 
@@ -31,14 +33,23 @@ CUBIC, DRAG, STICK = size(effects.Duffing), size(effects.QuadraticDamping), size
 
 def measured(*forces: in_time.Force, seed: int = 1) -> tuple[Model, Measurement]:
     weights = ROTOR.quantities()["unbalance"] * np.array([1.0, 5.0, 5.0]) * np.exp(2.1j * np.arange(3))
-    plan = Plan({f"run{k}": [complex(w)] for k, w in enumerate(weights)}, tuple(s * MACHINE.frequency for s in PLAN.speeds), (1,), sigma=hidden_forces.SIGMA)
+    plan = Plan(
+        {f"run{k}": [complex(w)] for k, w in enumerate(weights)},
+        tuple(s * MACHINE.frequency for s in PLAN.speeds),
+        (1,),
+        sigma=hidden_forces.SIGMA,
+    )
     return hidden_forces.measured(forces, plan, np.random.default_rng(seed), NO_WEIGHT)
 
 
 @pytest.mark.parametrize(
     ("forces", "expected"),
     [
-        pytest.param((in_time.duffing(CUBIC), in_time.quadratic_damping(DRAG)), {"duffing", "quadratic_damping"}, marks=pytest.mark.campaign),
+        pytest.param(
+            (in_time.duffing(CUBIC), in_time.quadratic_damping(DRAG)),
+            {"duffing", "quadratic_damping"},
+            marks=pytest.mark.campaign,
+        ),
         ((in_time.duffing(CUBIC), in_time.coulomb_friction(STICK)), {"duffing", "coulomb_friction"}),
     ],
 )
@@ -55,7 +66,9 @@ def test_two_at_once(forces, expected):
 
 
 def test_uncertain_mass_is_estimated_along():
-    """The rig file has 3 % too little mass, and says that it may be off; its damping, from the ratio, is too small then too."""
+    """The rig file has 3 % too little mass, and says that it may be off; its damping, from the ratio, is too small then
+    too.
+    """
     _, measurement = measured(in_time.duffing(CUBIC), seed=2)
     model = Model(Jeffcott(MACHINE.mass / 1.03, list(MACHINE.stiffness), list(MACHINE.ratio)), layout=Layout())
     knowledge = Knowledge(uncertain=(Uncertain("mass_error", "error", 0.05, True, "mass"),))
@@ -83,7 +96,9 @@ def test_poor_data_are_solved_or_left_open(name):
 
 
 def test_a_stop_is_not_taken_for_a_rub_without_friction():
-    """One probe, 1X: while much is missing, the descent to the stop ends without it; the rub has one parameter more and leads there."""
+    """One probe, 1X: while much is missing, the descent to the stop ends without it; the rub has one parameter more and
+    leads there.
+    """
     hidden = drawn_effects.draw(126)
     assert (hidden.effects, hidden.handicap, hidden.measurement.orders) == (("clearance",), "one probe", (1.0,))
     found = explain(hidden.model, hidden.measurement, thorough=False)
@@ -102,30 +117,46 @@ def test_friction_whose_motion_is_not_found_at_once_is_not_left_in_a_stack():
 
 @pytest.mark.campaign
 def test_what_is_beside_friction_is_looked_for_near_the_motion_of_what_leads():
-    """Near the motion measured, with its noise, friction lets none be found for the unbalance that is there; for a thermal bow it does."""
+    """Near the motion measured, with its noise, friction lets none be found for the unbalance that is there; for a
+    thermal bow it does.
+    """
     hidden = drawn_effects.draw(513)
     assert (hidden.effects, hidden.handicap) == (("coulomb_friction", "residual_unbalance"), "one probe")
     found = explain(hidden.model, hidden.measurement, thorough=False)
     assert found.verdict == "undecided"
     assert set(found.effects) == {"coulomb_friction", "residual_unbalance"}, "found last, it is the more probable"
-    assert sorted(names for group in found.ties.groups() for names in group) == [["residual_unbalance"], ["thermal_bow"]]
+    assert sorted(names for group in found.ties.groups() for names in group) == [
+        ["residual_unbalance"],
+        ["thermal_bow"],
+    ]
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(("seed", "hidden_effects"), [(563, ("coulomb_friction", "residual_unbalance")), (584, ("rub", "time_delay"))], ids=["friction", "rub"])
+@pytest.mark.parametrize(
+    ("seed", "hidden_effects"),
+    [(563, ("coulomb_friction", "residual_unbalance")), (584, ("rub", "time_delay"))],
+    ids=["friction", "rub"],
+)
 def test_a_force_that_leaves_little_of_the_motion_is_not_lost_in_a_stack_of_linear_effects(seed, hidden_effects):
-    """Friction leaves 1X above the noise at 4 of 24 conditions; along what was measured it is too strong at half its size."""
+    """Friction leaves 1X above the noise at 4 of 24 conditions; along what was measured it is too strong at half its
+    size.
+    """
     hidden = drawn_effects.draw(seed)
     assert hidden.effects == hidden_effects
     found = explain(hidden.model, hidden.measurement, thorough=False)
-    named = {frozenset(found.effects), *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied)}
+    named = {
+        frozenset(found.effects),
+        *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied),
+    }
     assert found.verdict in ("explained", "undecided")
     assert frozenset(hidden_effects) in named
 
 
 @pytest.mark.campaign
 def test_a_force_is_not_excluded_by_its_size_alone():
-    """One run: a stop does what a cubic spring of seven prior scales does, which is the truth. Both are said, and what would decide."""
+    """One run: a stop does what a cubic spring of seven prior scales does, which is the truth. Both are said, and what
+    would decide.
+    """
     hidden = drawn_effects.draw(300)
     assert (hidden.effects, hidden.handicap) == (("duffing",), "one run")
     found = explain(hidden.model, hidden.measurement)
@@ -134,7 +165,9 @@ def test_a_force_is_not_excluded_by_its_size_alone():
 
 
 def test_a_strong_force_is_not_split_among_weaker_ones():
-    """A cubic spring of 29 prior scales, 1.4 times the shaft's stiffness at the largest amplitude: a probe's saturation does not take a part of it."""
+    """A cubic spring of 29 prior scales, 1.4 times the shaft's stiffness at the largest amplitude: a probe's saturation
+    does not take a part of it.
+    """
     hidden = drawn_effects.draw(682)
     assert hidden.effects == ("duffing",)
     found = explain(hidden.model, hidden.measurement)
@@ -149,7 +182,11 @@ def test_orders_that_were_not_measured_are_named():
     """A crack is told by 2X too."""
     model, measurement, _ = hidden_forces.sufficient(effects.Crack, seed=7)
     first = dataclasses.replace(
-        measurement, orders=(1.0,), vectors=measurement.vectors[..., :1], present=measurement.present[..., :1], sigma=measurement.sigma[..., :1]
+        measurement,
+        orders=(1.0,),
+        vectors=measurement.vectors[..., :1],
+        present=measurement.present[..., :1],
+        sigma=measurement.sigma[..., :1],
     )
     found = explain(model.with_orders((1.0,)), first, thorough=False)
     named = {*found.effects, *(n for group in found.ties.groups() for names in group for n in names)}
@@ -162,16 +199,23 @@ def test_orders_that_were_not_measured_are_named():
 @pytest.mark.campaign
 @pytest.mark.parametrize(("seed", "effects"), [(1051, ("clearance", "probe_gain")), (1626, ("clearance",))])
 def test_a_force_of_which_another_is_the_special_case_is_tried_in_its_place(seed, effects):
-    """A rub was found in the place of a clearance: of the latter no descent came to its optimum, from motions under both or from the declared starts."""
+    """A rub was found in the place of a clearance: of the latter no descent came to its optimum, from motions under
+    both or from the declared starts.
+    """
     hidden = drawn_effects.draw(seed)
     assert hidden.effects == effects
     found = explain(hidden.model, hidden.measurement, thorough=False)
-    named = {frozenset(found.effects), *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied)}
+    named = {
+        frozenset(found.effects),
+        *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied),
+    }
     assert frozenset(hidden.effects) in named
 
 
 def test_what_is_probably_not_all_is_undecided():
-    """That something is missing beside the damping is 20 times as probable as that nothing is, but not which of two effects it is."""
+    """That something is missing beside the damping is 20 times as probable as that nothing is, but not which of two
+    effects it is.
+    """
     hidden = drawn_effects.draw(1094)
     assert hidden.effects == ("cross_coupling", "damping_error")
     found = explain(hidden.model, hidden.measurement, thorough=False)
@@ -181,7 +225,9 @@ def test_what_is_probably_not_all_is_undecided():
 
 
 def test_a_force_behind_for_its_size_alone_ties():
-    """A cubic spring a thousand times as strong as usual and a stop fit twelve cases alike: how strong it would have to be does not decide."""
+    """A cubic spring a thousand times as strong as usual and a stop fit twelve cases alike: how strong it would have to
+    be does not decide.
+    """
     hidden = drawn_effects.draw(1857)
     assert hidden.effects == ("duffing",)
     found = explain(hidden.model, hidden.measurement, thorough=False)
@@ -190,12 +236,19 @@ def test_a_force_behind_for_its_size_alone_ties():
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(("seed", "effects"), [(1031, ("coulomb_friction", "probe_gain")), (1988, ("coulomb_friction", "phase_reference_offset"))])
+@pytest.mark.parametrize(
+    ("seed", "effects"),
+    [(1031, ("coulomb_friction", "probe_gain")), (1988, ("coulomb_friction", "phase_reference_offset"))],
+)
 def test_what_is_beside_friction_is_not_lost_with_its_motion(seed, effects):
-    """From the motion under friction alone no descent of the truth balanced, or none within its share of the linearisations: friction and a
-    chain gain were said to explain it all."""
+    """From the motion under friction alone no descent of the truth balanced, or none within its share of the
+    linearisations: friction and a chain gain were said to explain it all.
+    """
     hidden = drawn_effects.draw(seed)
     assert hidden.effects == effects
     found = explain(hidden.model, hidden.measurement, thorough=False)
-    named = {frozenset(found.effects), *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied)}
+    named = {
+        frozenset(found.effects),
+        *(frozenset(found.effects) - set(t.instead_of) | set(t.effects) for t in found.ties.tied),
+    }
     assert frozenset(hidden.effects) in named

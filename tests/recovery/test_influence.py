@@ -20,7 +20,17 @@ from rotorjax.inference.noise import Noise
 
 import hidden
 
-SOME = ("residual_unbalance", "residual_bow", "thermal_bow", "cross_coupling", "damping_error", "chain_gain", "probe_gain", "time_delay", "mass_error")
+SOME = (
+    "residual_unbalance",
+    "residual_bow",
+    "thermal_bow",
+    "cross_coupling",
+    "damping_error",
+    "chain_gain",
+    "probe_gain",
+    "time_delay",
+    "mass_error",
+)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +43,9 @@ def test_a_fit_without_part_of_the_data_is_foreseen(selection):
     """The cost of the rest, and the error of what was left out, against descents."""
     contest, own = selection.contest, selection.known[selection.present]
     data = contest.data(own.noise, own.best.point)
-    folds, reason = make_folds(contest.measurement, np.einsum("cmp,cmq->cpq", own.best.local.slopes, own.best.local.slopes))
+    folds, reason = make_folds(
+        contest.measurement, np.einsum("cmp,cmq->cpq", own.best.local.slopes, own.best.local.slopes)
+    )
     assert not reason
     starts, free = [Start.at(own.best)] * len(folds), contest.free(own.effects)
     fitted = descend(contest.space, data, starts, free, ~folds, budget=contest.budget, manner=THOROUGH)
@@ -66,7 +78,9 @@ def test_held_out_error_and_ties_are_those_of_every_fit_made(selection, monkeypa
 
 @pytest.mark.parametrize(("most", "effects", "small"), [(3, ("cross_coupling",), ()), (0, (), ("cross_coupling",))])
 def test_what_was_small_and_matters_in_the_end_is_a_step_of_its_own(selection, most, effects, small):
-    """Beside fewer effects it may have been too small; where no more are to be added it is at least not called small."""
+    """Beside fewer effects it may have been too small; where no more are to be added it is at least
+    not called small.
+    """
     again = retold(selection._replace(effects=(), small=("cross_coupling",), most=most), selection.present, {})
     assert (again.effects, again.small) == (effects, small)
 

@@ -1,4 +1,6 @@
-"""A force that no named effect explains, hidden in data by time integration: the regression names its shape and its size."""
+"""A force that no named effect explains, hidden in data by time integration: the regression names its shape and its
+size.
+"""
 
 import json
 
@@ -29,21 +31,29 @@ MODEL = Model(Jeffcott(MACHINE.mass, list(MACHINE.stiffness), list(MACHINE.ratio
 
 HIDDEN = {
     "cubic in x": (in_time.cubic_x(3e10), "term_cubic_x", {"cubic_n_per_m3": 3e10}),
-    "dead band along x of 0.12 mm": (in_time.dead_band_x(2e4, GAP), "term_dead_band_x", {"stiffness_n_per_m": 2e4, "inverse_gap_per_m": 1 / GAP}),
+    "dead band along x of 0.12 mm": (
+        in_time.dead_band_x(2e4, GAP), "term_dead_band_x", {"stiffness_n_per_m": 2e4, "inverse_gap_per_m": 1 / GAP},
+    ),
     "stop on one side along y at -0.11 mm": (
-        in_time.stop_below_y(1.5e4, GAP), "term_one_sided_stop_y", {"stiffness_n_per_m": 1.5e4, "inverse_gap_per_m": -1 / GAP},
+        in_time.stop_below_y(1.5e4, GAP), "term_one_sided_stop_y", {"stiffness_n_per_m": 1.5e4,
+        "inverse_gap_per_m": -1 / GAP},
     ),
     "square of x, stiffer on one side": (
         in_time.square_x(400.0 * np.mean(MACHINE.stiffness)), "term_unsymmetrical_x", {"growth_per_m": 400.0},
     ),
-    "quadratic damping along x": (in_time.quadratic_damping_x(300.0), "term_quadratic_damping_x", {"damping_n_s2_per_m2": 300.0}),
+    "quadratic damping along x": (
+        in_time.quadratic_damping_x(300.0), "term_quadratic_damping_x", {"damping_n_s2_per_m2": 300.0},
+    ),
     # The integration has its forces on the left-hand side; these terms push.
-    "constant direction along x, once per turn": (in_time.pulsating(PUSH, 0.0), "term_pulsating_x", {"cosine_n": -PUSH.real, "sine_n": PUSH.imag}),
+    "constant direction along x, once per "
+    "turn": (in_time.pulsating(PUSH, 0.0), "term_pulsating_x", {"cosine_n": -PUSH.real, "sine_n": PUSH.imag}),
     "constant direction along y, twice per turn": (
-        in_time.pulsating(TWICE, np.pi / 2, 2), "term_pulsating_twice_y", {"cosine_n": -TWICE.real, "sine_n": TWICE.imag},
+        in_time.pulsating(TWICE, np.pi / 2, 2), "term_pulsating_twice_y", {"cosine_n": -TWICE.real,
+        "sine_n": TWICE.imag},
     ),
     "stiffness along x that pulsates twice per turn": (
-        in_time.stiffness_twice_per_turn_x(PULSE), "term_turning_stiffness_x", {"cosine_n_per_m": PULSE.real, "sine_n_per_m": -PULSE.imag},
+        in_time.stiffness_twice_per_turn_x(PULSE), "term_turning_stiffness_x", {"cosine_n_per_m": PULSE.real,
+        "sine_n_per_m": -PULSE.imag},
     ),
 }  # fmt: skip
 
@@ -89,18 +99,25 @@ def test_the_response_corrects_a_stop():
 
 
 def test_what_does_hardly_worse_is_said():
-    """A stop on either side, of which the weight lets the rotor reach one: the other cannot be seen, so that either name comes first."""
+    """A stop on either side, of which the weight lets the rotor reach one: the other cannot be seen, so that either
+    name comes first.
+    """
     drawn = draw(205)
     assert drawn.term == "term_dead_band_y"
     declared = fit(*measured(drawn), free=(), held_out=False)
     found = name_force(declared, declared, ())
-    assert sorted([found.words, *found.rivals]) == ["dead band along y of 0.28 mm", "stop on one side along y at -0.28 mm"]
+    assert sorted([found.words, *found.rivals]) == [
+        "dead band along y of 0.28 mm",
+        "stop on one side along y at -0.28 mm",
+    ]
     assert found.enough
 
 
 @pytest.mark.campaign
 def test_a_gap_that_has_to_be_fitted_does_not_exclude_a_rival():
-    """Without order 0 the square of y fits a little better than the dead band that is there, and has one parameter less."""
+    """Without order 0 the square of y fits a little better than the dead band that is there, and has one parameter
+    less.
+    """
     drawn = draw(721)
     assert drawn.term == "term_dead_band_y"
     declared = fit(*measured(drawn), free=(), held_out=False)
@@ -109,7 +126,9 @@ def test_a_gap_that_has_to_be_fitted_does_not_exclude_a_rival():
 
 
 def test_one_named_effect_that_a_term_beats():
-    """Drag along x alone: damping that is too small comes near, and the data have room for it; the term does far better."""
+    """Drag along x alone: damping that is too small comes near, and the data have room for it; the term does far
+    better.
+    """
     force, term, _ = HIDDEN["quadratic damping along x"]
     found = explain(MODEL, measure(force), only=["damping_error"])
     assert found.verdict != "explained"
@@ -128,12 +147,16 @@ def test_dry_friction_that_nearly_holds_the_rotor_is_fitted():
 
 @pytest.mark.campaign
 def test_a_rotor_that_is_held_still_gets_no_certain_answer():
-    """Friction holds it within the noise along x, at a thirtieth of its free motion: damping of 160 times would nearly do that."""
+    """Friction holds it within the noise along x, at a thirtieth of its free motion: damping of 160 times would nearly
+    do that.
+    """
     drawn = draw(425)
     model, measurement = measured(drawn)
     answer = explain(model, measurement)
     assert (answer.verdict, answer.effects) == ("undecided", ("damping_error",))
-    assert "times the critical one: friction, a stop or a stiff support would hold the rotor as well." in sentence(answer)
+    assert "times the critical one: friction, a stop or a stiff support would hold the rotor as well." in sentence(
+        answer
+    )
     assert answer.named_force is not None
     assert [t.term for t in answer.named_force.terms] == [drawn.term]
     assert "Along x the rotor hardly moves, though without the missing force it would" in sentence(answer)
@@ -147,7 +170,12 @@ def test_two_at_once():
     by_name = {candidate.term: candidate.coefficients for candidate in found}
     assert set(by_name) == {term, "residual_unbalance"}
     assert_near(by_name[term], values, 0.05)
-    np.testing.assert_allclose([by_name["residual_unbalance"][f"unbalance_{a}_kg_m"] for a in "xy"], [0.0, LEFT_OUT.imag], rtol=0.0, atol=0.05 * LEFT_OUT.imag)
+    np.testing.assert_allclose(
+        [by_name["residual_unbalance"][f"unbalance_{a}_kg_m"] for a in "xy"],
+        [0.0, LEFT_OUT.imag],
+        rtol=0.0,
+        atol=0.05 * LEFT_OUT.imag,
+    )
 
 
 def test_fitted_effects_give_way():
@@ -184,5 +212,8 @@ def test_one_simple_term_in_the_place_of_several_effects():
     found = explain(MODEL, measure(force))
     if found.verdict != "unexplained":
         assert found.verdict == "undecided"
-        assert "A simpler force would do as well, beside the model as declared: constant direction along x, once per turn." in explanation_text(found)
+        assert (
+            "A simpler force would do as well, beside the model as declared: constant direction along x, once per turn."
+            in explanation_text(found)
+        )
     assert [t.term for t in found.named_force.terms] == [term]

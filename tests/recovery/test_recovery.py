@@ -91,7 +91,9 @@ def test_standard_errors_cover():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         noise = SIGMA * (rng.standard_normal(clean.vectors.shape) + 1j * rng.standard_normal(clean.vectors.shape))
-        measurement = dataclasses.replace(clean, vectors=clean.vectors + noise, sigma=np.full(clean.vectors.shape, SIGMA))
+        measurement = dataclasses.replace(
+            clean, vectors=clean.vectors + noise, sigma=np.full(clean.vectors.shape, SIGMA)
+        )
         estimate = fit(ALL, measurement, free=("cross_coupling",), held_out=False).estimates[0]
         pulls.append((estimate.value - float(truth.cross_stiffness_n_per_m)) / estimate.standard_error)
     assert 0.6 < np.std(pulls) < 1.3

@@ -29,7 +29,9 @@ def rk4():
 
 
 def test_real_measurements(rk4):
-    """Residual unbalance, tied with bow; the reference offset; tenfold on data held out; the rest is scatter between mountings."""
+    """Residual unbalance, tied with bow; the reference offset; tenfold on data held out; the rest is scatter between
+    mountings.
+    """
     assert rk4.effects == ("residual_unbalance", "phase_reference_offset")
     group = next(g for g in rk4.ties.groups() if g[0] == ["residual_unbalance"])
     assert ["residual_bow"] in group
@@ -43,7 +45,9 @@ def test_real_measurements(rk4):
 
 
 def test_ties_tell_whether_they_predict_the_same(rk4):
-    """An unbalance and a bow move the RK4 vectors alike; what ties with other predictions is named with its distance."""
+    """An unbalance and a bow move the RK4 vectors alike; what ties with other predictions is named
+    with its distance.
+    """
     apart = {tuple(t["effects"]): t["standardised_difference"] for t in explanation_json(rk4)["tied_predictions"]}
     assert set(apart) == {other.effects for other in rk4.ties.tied}
     assert all(value >= 0.0 for value in apart.values())
@@ -117,5 +121,8 @@ def test_the_hidden_cases_are_those_that_were_drawn(tmp_path, monkeypatch):
     with as_file(files("rotorjax") / "data" / "hidden") as shipped:
         for case in TRUTH:
             assert (tmp_path / case / "rig.toml").read_text() == (shipped / case / "rig.toml").read_text()
-            columns = [np.genfromtxt(folder / case / "measurement.csv", delimiter=",", skip_header=1, usecols=(1, 4, 5)) for folder in (tmp_path, shipped)]
+            columns = [
+                np.genfromtxt(folder / case / "measurement.csv", delimiter=",", skip_header=1, usecols=(1, 4, 5))
+                for folder in (tmp_path, shipped)
+            ]
             np.testing.assert_allclose(*columns, rtol=1e-5, atol=1e-3)

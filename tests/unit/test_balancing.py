@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, InputError, Jeffcott, Layout, Model, effects, read_rig, response
-from rotorjax.data.rig import Convention, Plane
+from rotorjax.data.rig_sections import Convention, Plane
 from rotorjax.diagnosis.balancing import Correction, before_and_after
 from rotorjax.reporting.balance import balance_json, balance_line
 
@@ -12,7 +12,9 @@ UNBALANCE = 9e-6 * np.array([np.cos(np.radians(50.0)), np.sin(np.radians(50.0))]
 
 
 def correction(plane: Plane, convention: Convention | None = None) -> Correction:
-    return Correction("disk", plane, UNBALANCE / plane.participation, 1e-14 * np.eye(2), 0.9, 300.0, convention or Convention())
+    return Correction(
+        "disk", plane, UNBALANCE / plane.participation, 1e-14 * np.eye(2), 0.9, 300.0, convention or Convention()
+    )
 
 
 def test_the_correction_is_opposite_and_its_mass_is_that_at_the_radius():
@@ -29,7 +31,9 @@ def test_the_correction_is_opposite_and_its_mass_is_that_at_the_radius():
 
 
 def test_angles_against_the_rotation_count_so():
-    assert correction(Plane(), Convention(weight_angles="against-rotation")).correction_angle_deg == pytest.approx(130.0)
+    assert correction(Plane(), Convention(weight_angles="against-rotation")).correction_angle_deg == pytest.approx(
+        130.0
+    )
 
 
 def test_without_a_radius_there_is_no_mass():
@@ -43,19 +47,27 @@ def test_without_a_radius_there_is_no_mass():
 def test_masses_in_two_holes_add_up_to_the_correction(holes, first):
     found = correction(Plane(radius_m=0.04, holes=holes, first_hole_deg=first))
     angles = [np.radians(first + 360.0 / holes * (part.hole - 1)) for part in found.in_holes]
-    total = sum(0.04 * part.mass_kg * np.array([np.cos(a), np.sin(a)]) for part, a in zip(found.in_holes, angles, strict=True))
+    total = sum(
+        0.04 * part.mass_kg * np.array([np.cos(a), np.sin(a)]) for part, a in zip(found.in_holes, angles, strict=True)
+    )
     np.testing.assert_allclose(total, -UNBALANCE, atol=1e-15)
     assert all(part.mass_kg >= 0.0 for part in found.in_holes)
 
 
 @pytest.mark.parametrize("participation", [1.0, -0.4])
 def test_what_is_installed_as_told_stills_the_rotor(participation):
-    """The correction installed as a weight of a run in a plane that takes part with any sign: nothing is left, and so it is predicted."""
+    """The correction installed as a weight of a run in a plane that takes part with any sign: nothing is left, and so
+    it is predicted.
+    """
     rotor = Jeffcott(0.9, [5e4, 4.5e4], [0.01, 0.01])
-    model = Model(rotor, participation=np.array([participation]), layout=Layout()) + effects.ResidualUnbalance(*UNBALANCE)
+    model = Model(rotor, participation=np.array([participation]), layout=Layout()) + effects.ResidualUnbalance(
+        *UNBALANCE
+    )
     found = correction(Plane(participation))
     before, after = before_and_after(model, found, np.array([900.0, 2100.0]))
-    weight = found.size * np.array([np.cos(np.radians(found.correction_angle_deg)), np.sin(np.radians(found.correction_angle_deg))])
+    weight = found.size * np.array(
+        [np.cos(np.radians(found.correction_angle_deg)), np.sin(np.radians(found.correction_angle_deg))]
+    )
     installed = np.asarray(response(model, Conditions.at_rpm([900.0, 2100.0], unbalance=weight)))
     largest = np.abs(before).max()
     assert largest > 1e-6

@@ -29,7 +29,8 @@ def example(tmp_path_factory):
 def told(example):
     """The whole of `compare` on the example, once."""
     status = run(
-        "compare", example / "measurement.csv", "--rig", example / "rig.toml", "--effect", "residual_unbalance", "--effect", "cross_coupling",
+        "compare", example / "measurement.csv", "--rig", example / "rig.toml", "--effect", "residual_unbalance",
+        "--effect", "cross_coupling",
         "--json", example / "c.json", "--report", example / "r.html", "--write-rig", example / "fitted.toml",
     )  # fmt: skip
     assert status == 0
@@ -52,7 +53,10 @@ def test_example_hides_two_effects_and_compare_finds_their_sizes(told):
 
 
 def test_written_model_is_taken_by_compare(example, told, capsys):
-    assert run("compare", example / "measurement.csv", "--rig", example / "fitted.toml", "--json", example / "again.json") == 0
+    assert (
+        run("compare", example / "measurement.csv", "--rig", example / "fitted.toml", "--json", example / "again.json")
+        == 0
+    )
     again = json.loads((example / "again.json").read_text())
     assert again["rms_um"] == pytest.approx(told["rms_um"], rel=1e-6)
     assert "within the noise" in capsys.readouterr().out
@@ -60,7 +64,17 @@ def test_written_model_is_taken_by_compare(example, told, capsys):
 
 def test_a_reader_that_has_seen_enough_does_not_cost_the_files(example, tmp_path):
     """`rotorjax compare ... --json FILE | head -1`."""
-    command = [sys.executable, "-m", "rotorjax.cli", "compare", example / "measurement.csv", "--rig", example / "rig.toml", "--json", tmp_path / "c.json"]
+    command = [
+        sys.executable,
+        "-m",
+        "rotorjax.cli",
+        "compare",
+        example / "measurement.csv",
+        "--rig",
+        example / "rig.toml",
+        "--json",
+        tmp_path / "c.json",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as called:
         assert called.stdout is not None
         assert called.stderr is not None
@@ -81,7 +95,19 @@ def test_report_is_one_file_without_network(example, told):
 
 
 def test_diagnose(example, told, capsys):
-    assert run("diagnose", example / "measurement.csv", "--rig", example / "fitted.toml", "--reference", "baseline", "--json", example / "d.json") == 0
+    assert (
+        run(
+            "diagnose",
+            example / "measurement.csv",
+            "--rig",
+            example / "fitted.toml",
+            "--reference",
+            "baseline",
+            "--json",
+            example / "d.json",
+        )
+        == 0
+    )
     found = json.loads((example / "d.json").read_text())
     trial = found["runs"]["trial-b"]
     assert trial["identifiable"]
@@ -113,7 +139,9 @@ def test_simulate_like_and_compare(example, capsys):
 
 def test_simulate_speeds_without_noise(tmp_path):
     _, toml = write(tmp_path)
-    assert run("simulate", "--rig", toml, "--speeds", "600:900:3", "--orders", "1,2", "--output", tmp_path / "s.csv") == 0
+    assert (
+        run("simulate", "--rig", toml, "--speeds", "600:900:3", "--orders", "1,2", "--output", tmp_path / "s.csv") == 0
+    )
     lines = (tmp_path / "s.csv").read_text().splitlines()
     assert lines[0] == HEADER.replace(",sigma_um", "")
     assert len(lines) == 1 + 2 * 3 * 2 * 2
@@ -135,23 +163,50 @@ def test_effects_and_version(capsys):
     ("arguments", "words"),
     [
         (["effects", "cross"], "did you mean 'cross_coupling'?"),
-        (["compare", "{data}", "--rig", "{rig}", "--effect", "cros_coupling"], "unknown effect 'cros_coupling'; did you mean 'cross_coupling'?"),
-        (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:eror=0.1"], "mass_error has no parameter 'eror'; did you mean 'error'?"),
+        (
+            ["compare", "{data}", "--rig", "{rig}", "--effect", "cros_coupling"],
+            "unknown effect 'cros_coupling'; did you mean 'cross_coupling'?",
+        ),
+        (
+            ["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:eror=0.1"],
+            "mass_error has no parameter 'eror'; did you mean 'error'?",
+        ),
         (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:error=big"], "'big' is not a finite number"),
         (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error:error"], "'' is not a finite number"),
         (["compare", "{data}", "--rig", "none.toml"], "none.toml: No such file"),
-        (["diagnose", "{data}", "--rig", "{rig}", "--reference", "trial-z"], "reference run 'trial-z' is not in the table"),
-        (["simulate", "--rig", "{rig}", "--speeds", "600-900", "--output", "{new}"], "--speeds 600-900: write LOW:HIGH:COUNT"),
-        (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--orders", "one", "--output", "{new}"], "--orders one"),
-        (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--noise-um", "-1", "--output", "{new}"], "--noise-um -1.0"),
+        (
+            ["diagnose", "{data}", "--rig", "{rig}", "--reference", "trial-z"],
+            "reference run 'trial-z' is not in the table",
+        ),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600-900", "--output", "{new}"],
+            "--speeds 600-900: write LOW:HIGH:COUNT",
+        ),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--orders", "one", "--output", "{new}"],
+            "--orders one",
+        ),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--noise-um", "-1", "--output", "{new}"],
+            "--noise-um -1.0",
+        ),
         (["example", "{folder}"], "exists already"),
         (["compare", "{data}", "--rig", "{rig}", "--json", "{data}"], "is read by the same command"),
         (["compare", "{data}", "--rig", "{rig}", "--write-rig", "{rig}"], "is read by the same command"),
-        (["compare", "{data}", "--rig", "{rig}", "--json", "{new}", "--report", "{new}"], "is written by the same command"),
+        (
+            ["compare", "{data}", "--rig", "{rig}", "--json", "{new}", "--report", "{new}"],
+            "is written by the same command",
+        ),
         (["compare", "{data}", "--rig", "{rig}", "--json", "{folder}"], "is a folder"),
         (["compare", "{data}", "--rig", "{rig}", "--report", "{folder}/none/r.html"], "does not exist"),
-        (["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error", "--effect", "mass_error"], "mass_error is there already"),
-        (["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--effect", "mass_error", "--output", "{new}"], "give its values"),
+        (
+            ["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error", "--effect", "mass_error"],
+            "mass_error is there already",
+        ),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--effect", "mass_error", "--output", "{new}"],
+            "give its values",
+        ),
         (["simulate", "--rig", "{rig}", "--speeds", "600:-100:5", "--output", "{new}"], "--speeds 600:-100:5"),
     ],
 )
@@ -173,7 +228,10 @@ def test_bad_input(tmp_path, capsys, arguments, words):
 def test_bad_table_writes_nothing(tmp_path, capsys):
     data, toml = write(tmp_path, table=f"{HEADER}\n{ROWS[0]}\nbaseline,1500,Q,1,1,0,0.3\n")
     outputs = [tmp_path / name for name in ("c.json", "r.html", "n.toml")]
-    assert run("compare", data, "--rig", toml, "--json", outputs[0], "--report", outputs[1], "--write-rig", outputs[2]) == 2
+    assert (
+        run("compare", data, "--rig", toml, "--json", outputs[0], "--report", outputs[1], "--write-rig", outputs[2])
+        == 2
+    )
     assert "data.csv:3: column 3 (probe): unknown probe 'Q'" in capsys.readouterr().err
     assert not any(path.exists() for path in outputs)
 
@@ -188,7 +246,9 @@ def test_values_given_replace_those_of_the_rig(tmp_path):
     data, toml = write(tmp_path, rig=RIG + "[effects.cross_coupling]\ncross_stiffness_n_per_m = 500.0\n")
     arguments = ("--effect", "cross_coupling:cross_stiffness_n_per_m=800", "--write-rig", tmp_path / "n.toml")
     assert run("compare", data, "--rig", toml, *arguments) == 0
-    assert float(read_rig(tmp_path / "n.toml").model.find("cross_coupling").cross_stiffness_n_per_m) == pytest.approx(800.0)
+    assert float(read_rig(tmp_path / "n.toml").model.find("cross_coupling").cross_stiffness_n_per_m) == pytest.approx(
+        800.0
+    )
 
 
 def test_text_from_files_is_escaped(tmp_path):
@@ -238,7 +298,19 @@ def test_the_report_begins_with_verdict_and_sizes(explained, example):
 
 
 def test_explain_json_holds_the_contract(explained):
-    keys = {"verdict", "effects", "steps", "ranking", "ties", "detected_but_small", "where", "next_measurement", "noise", "run_scatter", "p_value"}
+    keys = {
+        "verdict",
+        "effects",
+        "steps",
+        "ranking",
+        "ties",
+        "detected_but_small",
+        "where",
+        "next_measurement",
+        "noise",
+        "run_scatter",
+        "p_value",
+    }
     assert keys <= set(explained)
     assert explained["ranking"] == explained["steps"][0]["ranking"]
     assert {r["effect"] for r in explained["ranking"]} >= {"none", "residual_unbalance", "thermal_bow"}
@@ -252,7 +324,17 @@ def test_explain_json_holds_the_contract(explained):
 
 
 def test_explained_model_is_taken_by_compare(example, explained, capsys):
-    assert run("compare", example / "measurement.csv", "--rig", example / "explained.toml", "--json", example / "again.json") == 0
+    assert (
+        run(
+            "compare",
+            example / "measurement.csv",
+            "--rig",
+            example / "explained.toml",
+            "--json",
+            example / "again.json",
+        )
+        == 0
+    )
     again = json.loads((example / "again.json").read_text())
     assert again["rms_um"] == pytest.approx(explained["steps"][-1]["rms_um"], rel=1e-6)
     assert "within the noise" in capsys.readouterr().out
@@ -274,13 +356,26 @@ def test_explain_report_is_one_file_without_network(explained, example):
     ],
 )
 def test_explain_refuses_with_a_cure(example, capsys, option, message):
-    assert run("explain", example / "measurement.csv", "--rig", example / "rig.toml", *option, "--json", example / "no.json") == 2
+    assert (
+        run(
+            "explain",
+            example / "measurement.csv",
+            "--rig",
+            example / "rig.toml",
+            *option,
+            "--json",
+            example / "no.json",
+        )
+        == 2
+    )
     assert message in capsys.readouterr().err
     assert not (example / "no.json").exists()
 
 
 def test_what_cannot_be_balanced_is_refused_with_a_cure(tmp_path, capsys):
-    """An order such as oil whirl has, under a force that depends on motion; a model that has no steady state as it was declared."""
+    """An order such as oil whirl has, under a force that depends on motion; a model that has no steady state as it was
+    declared.
+    """
     csv, toml = write(tmp_path)
     odd = csv.read_text(encoding="utf-8")
     last = odd.strip().splitlines()[-1].split(",")
@@ -289,7 +384,10 @@ def test_what_cannot_be_balanced_is_refused_with_a_cure(tmp_path, capsys):
     assert run("explain", csv, "--rig", toml, "--json", tmp_path / "no.json") == 2
     assert "they must be multiples of 1, 1/2, 1/3 or 1/4; leave the others out" in capsys.readouterr().err
     csv.write_text(odd.replace(",1500,", ",4500,"), encoding="utf-8")
-    toml.write_text(toml.read_text(encoding="utf-8") + "\n[effects.clearance]\nstiffness_n_per_m = 1e9\ninverse_gap_per_m = 1e5\n", encoding="utf-8")
+    toml.write_text(
+        toml.read_text(encoding="utf-8") + "\n[effects.clearance]\nstiffness_n_per_m = 1e9\ninverse_gap_per_m = 1e5\n",
+        encoding="utf-8",
+    )
     for command in (("explain",), ("compare", "--effect", "residual_unbalance")):
         assert run(*command, csv, "--rig", toml, "--json", tmp_path / "no.json") == 2
         assert "no steady state that could be found for" in capsys.readouterr().err
@@ -297,7 +395,9 @@ def test_what_cannot_be_balanced_is_refused_with_a_cure(tmp_path, capsys):
 
 
 def test_simulate_says_what_speaks_against_the_values(tmp_path, capsys):
-    """A stop that the weight reaches; a rotor that excites itself; a crack deeper than the shaft; a stop so near that no steady state is found."""
+    """A stop that the weight reaches; a rotor that excites itself; a crack deeper than the shaft; a stop so near that
+    no steady state is found.
+    """
     _, toml = write(tmp_path)
     toml.write_text(toml.read_text(encoding="utf-8").replace("[rotor]", '[rotor]\ngravity = "-y"', 1), encoding="utf-8")
     common = ("simulate", "--rig", toml, "--speeds", "500:900:3", "--output", tmp_path / "made.csv")

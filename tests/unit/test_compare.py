@@ -32,7 +32,12 @@ def test_residuals_and_where():
     assert view.rms == pytest.approx(np.sqrt((25 + 0 + 1 + 1) / 4) * 1e-6)
     assert view.reduced_chi2 == pytest.approx(27 / 8)
     worst = view.where()[0]
-    assert (worst.run, worst.probe, worst.residual_um, worst.standardised) == ("a", "X", pytest.approx(5.0), pytest.approx(5.0))
+    assert (worst.run, worst.probe, worst.residual_um, worst.standardised) == (
+        "a",
+        "X",
+        pytest.approx(5.0),
+        pytest.approx(5.0),
+    )
     assert worst.amplitude_ratio == 0.0
     assert worst.phase_error_deg is None
     share = view.share()
@@ -126,7 +131,11 @@ def test_scatter_between_runs_is_found(paper_rotor, rng):
     assert found.scatter.bow_m == 0.0
     assert found.allowance == 0.0
     assert scatter_share(measurement, Model(paper_rotor), z, found.scatter) > 0.95
-    quiet = run_floor(measurement, Model(paper_rotor), z - z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape)))
+    quiet = run_floor(
+        measurement,
+        Model(paper_rotor),
+        z - z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape)),
+    )
     assert quiet == NO_NOISE
 
 
@@ -198,7 +207,9 @@ def test_declared_scatter_of_the_weights_is_no_misfit(rng):
     really = weights * (1 + 0.05 * rng.standard_normal(8)) * np.exp(1j * np.radians(3.0) * rng.standard_normal(8))
     knowledge = Knowledge(installed_unbalance=0.05, installed_angle_rad=np.radians(3.0))
     pairs = [np.stack([w.real, w.imag], axis=-1)[:, None] for w in (weights, really)]
-    measurement = made(Model(ROTOR), [1200.0, 1700.0, 2600.0], runs=8, unbalance=pairs[0], true=pairs[1], knowledge=knowledge)
+    measurement = made(
+        Model(ROTOR), [1200.0, 1700.0, 2600.0], runs=8, unbalance=pairs[0], true=pairs[1], knowledge=knowledge
+    )
     assert compare(ROTOR, measurement).reduced_chi2 < 1.6
     found = fit(ROTOR + effects.CrossCoupling(), measurement)
     assert found.misfit == 0.0
@@ -240,7 +251,9 @@ def test_orders_that_nothing_drives_are_named():
 
     once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0, 2600.0], runs=2)
     both = np.concatenate([once.vectors, np.full_like(once.vectors, 100e-6)], axis=2)
-    measurement = dataclasses.replace(once, orders=(1.0, 2.0), vectors=both, present=np.ones(both.shape, bool), sigma=np.full(both.shape, 0.3e-6))
+    measurement = dataclasses.replace(
+        once, orders=(1.0, 2.0), vectors=both, present=np.ones(both.shape, bool), sigma=np.full(both.shape, 0.3e-6)
+    )
     story = tell(Model(ROTOR), measurement, [effects.ResidualUnbalance()])
     assert story.undriven == (2.0,)
     assert any("Nothing in this model drives 2X" in line for line in findings(story))
@@ -251,14 +264,20 @@ def test_orders_that_nothing_drives_are_named():
 def test_both_probes_share_the_sign_of_a_half_order():
     """Whirl in the opposite sense is another motion, whatever the sign that the reference leaves open."""
     once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0])
-    forward, backward = (np.broadcast_to(np.array([1.0, turn])[None, :, None], once.vectors.shape) for turn in (1j, -1j))
+    forward, backward = (
+        np.broadcast_to(np.array([1.0, turn])[None, :, None], once.vectors.shape) for turn in (1j, -1j)
+    )
     measurement = dataclasses.replace(once, orders=(0.5,), vectors=forward)
     assert measurement.rms_of(-forward) == 0.0
     assert measurement.rms_of(backward) == pytest.approx(np.sqrt(2.0))
 
 
 def test_a_fit_without_a_steady_motion_says_so():
-    fitted = fit(Model(ROTOR) + effects.ResidualUnbalance(), made(Model(ROTOR), [1200.0, 1700.0, 2600.0], unbalance=[30e-6, 0.0]), held_out=False)
+    fitted = fit(
+        Model(ROTOR) + effects.ResidualUnbalance(),
+        made(Model(ROTOR), [1200.0, 1700.0, 2600.0], unbalance=[30e-6, 0.0]),
+        held_out=False,
+    )
     assert fitted.objections(["residual_unbalance"]) == ()
     loose = dataclasses.replace(fitted, end=fitted.end._replace(exact=False))
     assert "no steady motion was found with these values" in loose.objections(["residual_unbalance"])[0]

@@ -29,7 +29,9 @@ def network():
 
 
 def relative(found, exact):
-    return max(np.linalg.norm(found[rows] - exact[rows]) / np.linalg.norm(exact[rows]) for rows in (slice(0, 2), slice(2, 4)))
+    return max(
+        np.linalg.norm(found[rows] - exact[rows]) / np.linalg.norm(exact[rows]) for rows in (slice(0, 2), slice(2, 4))
+    )
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
@@ -45,7 +47,9 @@ def test_within_a_hundredth_of_the_exact_inverse(network, paper_rotor, speed):
 @pytest.mark.parametrize("seed", range(5))
 def test_any_key_learns_it(paper_rotor, seed):
     found = train_conditioned(jax.random.key(seed))
-    assert max(relative(np.asarray(found.at(paper_rotor, s).matrix), inverse_map(paper_rotor, s)) for s in SPEEDS) < 1e-6
+    assert (
+        max(relative(np.asarray(found.at(paper_rotor, s).matrix), inverse_map(paper_rotor, s)) for s in SPEEDS) < 1e-6
+    )
 
 
 @pytest.mark.parametrize("rotation", ["x-to-y", "y-to-x"])
@@ -73,18 +77,28 @@ def test_speed_of_each_case(network, paper_rotor, rng):
 def test_linear_in_the_features(network, paper_rotor, rng):
     f, g = rng.standard_normal((2, 3, 4))
     both = network.diagnose(paper_rotor, 1500.0, 2.0 * f - 3.0 * g)
-    assert np.allclose(both, 2.0 * network.diagnose(paper_rotor, 1500.0, f) - 3.0 * network.diagnose(paper_rotor, 1500.0, g), rtol=1e-10)
+    assert np.allclose(
+        both,
+        2.0 * network.diagnose(paper_rotor, 1500.0, f) - 3.0 * network.diagnose(paper_rotor, 1500.0, g),
+        rtol=1e-10,
+    )
 
 
 def test_derivatives(network, paper_rotor):
-    """With respect to speed as the exact inverse has it, by finite differences; finite in the rotor; jit gives the same."""
+    """With respect to speed as the exact inverse has it, by finite differences; finite in the rotor; jit gives the
+    same.
+    """
     slope = jax.jit(jax.jacfwd(lambda speed: network.matrix(paper_rotor, speed)))(jnp.asarray(1500.0 * RPM))
     exact = (inverse_map(paper_rotor, 1500.5) - inverse_map(paper_rotor, 1499.5)) / RPM
     assert relative(np.asarray(slope), exact) < 1e-4
     f = jnp.array([1e-5, 2e-5, -1e-5, 3e-5])
     gradient = eqx.filter_jit(jax.grad(lambda rotor: jnp.sum(network(f, jnp.asarray(150.0), rotor))))(paper_rotor)
     assert all(np.all(np.isfinite(np.asarray(leaf))) for leaf in jax.tree.leaves(gradient))
-    assert np.allclose(eqx.filter_jit(network)(f, jnp.asarray(150.0), paper_rotor), network(f, jnp.asarray(150.0), paper_rotor), rtol=1e-9)
+    assert np.allclose(
+        eqx.filter_jit(network)(f, jnp.asarray(150.0), paper_rotor),
+        network(f, jnp.asarray(150.0), paper_rotor),
+        rtol=1e-9,
+    )
 
 
 def test_serves_compensation(network, paper_rotor):
@@ -113,7 +127,9 @@ def test_within_is_where_it_serves(network, paper_rotor):
     assert inside.dtype == bool
     assert inside.tolist() == [[False, True, True], [True, False, False]]
     assert network.within(paper_rotor, 1500.0).shape == ()
-    finite = np.isfinite(np.asarray(jax.vmap(lambda s: network.matrix(paper_rotor, s))(jnp.asarray(speeds.ravel() * RPM)))).all(axis=(1, 2))
+    finite = np.isfinite(
+        np.asarray(jax.vmap(lambda s: network.matrix(paper_rotor, s))(jnp.asarray(speeds.ravel() * RPM)))
+    ).all(axis=(1, 2))
     assert finite.tolist() == inside.ravel().tolist()
     assert not network.within(Jeffcott(1.0, [6e4, 5e4], [0.01, 0.2]), speeds).any()
     assert network.within(Jeffcott(1.0, [6e4, 5e4], [0.0, 0.05]), 1500.0)
@@ -136,7 +152,9 @@ def test_within_diagnose_and_matrix_agree_at_the_ends(network, paper_rotor, end)
 
 
 def test_equal_axes_are_refused(network):
-    with pytest.raises(ValueError, match="unbalance and bow cannot be told apart at 1500 rpm: the axes are equally stiff"):
+    with pytest.raises(
+        ValueError, match="unbalance and bow cannot be told apart at 1500 rpm: the axes are equally stiff"
+    ):
         network.diagnose(Jeffcott(1.0, 5e4, 0.01), 1500.0, np.ones(4))
     with pytest.raises(ValueError, match=r"stiffnesses differ by 0\.02 %, less than the 0\.1 % served"):
         network.at(Jeffcott(1.0, [5e4, 5e4 * (1.0 - 2e-4)], 0.01), 1500.0)

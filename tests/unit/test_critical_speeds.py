@@ -28,7 +28,9 @@ def test_of_a_rotor_with_unequal_axes(ratio):
 
 def test_with_cross_coupling_and_another_damping():
     mass, stiffness, ratio, cross = 1.3, np.array([9e4, 8.5e4]), 0.01, 900.0
-    model = Model(Jeffcott(mass, list(stiffness), [ratio, ratio]), layout=Layout(orders=(1.0, 2.0))) + effects.CrossCoupling(cross)
+    model = Model(
+        Jeffcott(mass, list(stiffness), [ratio, ratio]), layout=Layout(orders=(1.0, 2.0))
+    ) + effects.CrossCoupling(cross)
     coupled = np.diag(stiffness) + cross * np.array([[0.0, 1.0], [-1.0, 0.0]])
     expected = modes(mass, coupled, np.diag(2.0 * ratio * np.sqrt(stiffness * mass)))
     found = critical_speeds(model)

@@ -17,7 +17,17 @@ from scipy import stats
 
 from rotorjax import Jeffcott
 from rotorjax.diagnosis import dataset
-from rotorjax.diagnosis.dataset import Dataset, FaultPrior, Recipe, make_dataset, read_dataset, sample_faults, split, stream, with_noise
+from rotorjax.diagnosis.dataset import (
+    Dataset,
+    FaultPrior,
+    Recipe,
+    make_dataset,
+    read_dataset,
+    sample_faults,
+    split,
+    stream,
+    with_noise,
+)
 from rotorjax.diagnosis.features import fault_features, fault_values
 from rotorjax.errors import InputError
 from rotorjax.units import RPM
@@ -71,7 +81,11 @@ def test_prior_of_other_sizes():
 
 @pytest.mark.parametrize("sizes", [(-1e-6, 0.05), (1e-3, np.inf), (np.nan, 0.05), (0.0, 0.0)])
 def test_prior_refuses(sizes):
-    with pytest.raises(ValueError, match=r"must be finite and not negative, and one of them positive, but are .*; give zero for the one that is absent"):
+    with pytest.raises(
+        ValueError,
+        match=r"must be finite and not negative, and one of them positive, but are .*; give zero for the one that is "
+        r"absent",
+    ):
         FaultPrior(*sizes)
 
 
@@ -127,7 +141,11 @@ def test_equal_axes_are_no_error():
 def test_undamped_rotor_is_refused_at_its_critical_speed_only():
     rotor = Jeffcott(1.0, [40000.0, 50000.0], 0.0)
     critical = float(rotor.critical_speeds_rpm()[0])
-    with pytest.raises(ValueError, match=r"the features at 1909.86 rpm are not finite: an undamped rotor .*give a damping ratio above zero or another speed"):
+    with pytest.raises(
+        ValueError,
+        match=r"the features at 1909.86 rpm are not finite: an undamped rotor .*give a damping ratio above zero or "
+        r"another speed",
+    ):
         make_dataset(rotor, critical, 10, key=KEY)
     assert np.all(np.isfinite(make_dataset(rotor, 1.001 * critical, 10, key=KEY).features))
 
@@ -187,7 +205,10 @@ def test_split_is_disjoint_and_complete(paper_rotor):
         rows = np.unique(together, axis=0)
         assert len(rows) == 10_000
         np.testing.assert_array_equal(rows, np.unique(np.asarray(getattr(data, field)), axis=0))
-    by_fault = {tuple(fault): feature for fault, feature in zip(np.asarray(data.faults).tolist(), np.asarray(data.features), strict=True)}
+    by_fault = {
+        tuple(fault): feature
+        for fault, feature in zip(np.asarray(data.faults).tolist(), np.asarray(data.features), strict=True)
+    }
     for fault, feature in zip(np.asarray(parts.test.faults).tolist(), np.asarray(parts.test.features), strict=True):
         np.testing.assert_array_equal(by_fault[tuple(fault)], feature)
     np.testing.assert_array_equal(split(data, key=jax.random.key(3)).test.faults, parts.test.faults)
@@ -201,7 +222,9 @@ def test_split_of_other_fractions(paper_rotor):
         split(data, key=KEY, fractions=(0.7, 0.2, 0.2))
     with pytest.raises(ValueError, match=r"must not be negative"):
         split(data, key=KEY, fractions=(1.2, -0.2, 0.0))
-    with pytest.raises(ValueError, match=r"a part of the split .* of 7 cases is empty; make more cases, or give its fraction as zero"):
+    with pytest.raises(
+        ValueError, match=r"a part of the split .* of 7 cases is empty; make more cases, or give its fraction as zero"
+    ):
         split(data, key=KEY, fractions=(0.98, 0.01, 0.01))
 
 
@@ -226,7 +249,9 @@ def test_manifest_says_what_was_made(recipe, tmp_path):
     assert (manifest["format"], manifest["version"]) == ("rotorjax dataset", 1)
     made = manifest["recipe"]
     assert made["rotor"] == {
-        "mass": MASS, "stiffness": list(STIFFNESS), "damping_ratio": list(RATIO), "gravity": [0.0, 0.0], "rotation": "x-to-y", "bow_through_damping": False
+        "mass": MASS, "stiffness": list(STIFFNESS), "damping_ratio": list(RATIO),
+        "gravity": [0.0, 0.0], "rotation": "x-to-y",
+        "bow_through_damping": False
     }  # fmt: skip
     assert made["prior"] == {"largest_unbalance_kg_m": 1e-3, "largest_bow_m": 0.05}
     assert made["key"] == {"generator": "threefry2x32", "data": [0, 7]}
@@ -239,7 +264,10 @@ def test_repeat_is_identical_to_the_byte(recipe, whole, tmp_path):
     stream(recipe, tmp_path / "again")
     assert contents(tmp_path / "again") == whole
     with zipfile.ZipFile(tmp_path / "again" / "chunk-000000.npz") as archive:
-        assert all(member.date_time == (1980, 1, 1, 0, 0, 0) and member.compress_type == zipfile.ZIP_DEFLATED for member in archive.infolist())
+        assert all(
+            member.date_time == (1980, 1, 1, 0, 0, 0) and member.compress_type == zipfile.ZIP_DEFLATED
+            for member in archive.infolist()
+        )
 
 
 @pytest.mark.parametrize("after", [0, 5, 10, 15, 20])
@@ -252,7 +280,9 @@ def test_resumed_after_an_interruption(recipe, whole, tmp_path, after):
 
     with pytest.raises(Killed):
         stream(recipe, folder, progress=progress)
-    with pytest.raises(ValueError, match=rf"{(COUNT - after + CHUNK - 1) // CHUNK} of 5 chunks are not written yet; call stream again"):
+    with pytest.raises(
+        ValueError, match=rf"{(COUNT - after + CHUNK - 1) // CHUNK} of 5 chunks are not written yet; call stream again"
+    ):
         read_dataset(folder)
     seen = []
     stream(recipe, folder, progress=lambda done, total: seen.append(done))
@@ -266,7 +296,10 @@ def test_chunks_with_the_right_hash_are_kept(recipe, whole, tmp_path):
     (folder / "chunk-000003.npz").unlink()
     (folder / ".chunk-000002.npz.abc.partial").write_bytes(whole["chunk-000002.npz"][:50])
     (folder / ".manifest.json.abc.partial").write_bytes(b"{")
-    kept = {name: (folder / name).stat().st_mtime_ns for name in ("chunk-000000.npz", "chunk-000002.npz", "chunk-000004.npz")}
+    kept = {
+        name: (folder / name).stat().st_mtime_ns
+        for name in ("chunk-000000.npz", "chunk-000002.npz", "chunk-000004.npz")
+    }
     stream(recipe, folder)
     assert contents(folder) == whole
     assert {name: (folder / name).stat().st_mtime_ns for name in kept} == kept
@@ -299,13 +332,18 @@ def test_resumed_after_a_kill(recipe, whole, tmp_path):
     """Before the first manifest is in place, before a file is synced, and before it takes its name."""
     moments = [("replace", 1), ("fsync", 8), ("replace", 5)]
     folders = [tmp_path / f"{call}-{number}" for call, number in moments]
-    commands = [[sys.executable, "-c", KILLED, call, str(number), str(folder)] for (call, number), folder in zip(moments, folders, strict=True)]
+    commands = [
+        [sys.executable, "-c", KILLED, call, str(number), str(folder)]
+        for (call, number), folder in zip(moments, folders, strict=True)
+    ]
     runs = [subprocess.Popen(command) for command in commands]
     assert [run.wait() for run in runs] == [-signal.SIGKILL] * len(runs)
     for folder in folders:
         left = contents(folder)
         assert any(name.endswith(".partial") for name in left) or len(left) > 1
-        assert all(left[name] == whole[name] for name in left if name.startswith("chunk")), "no file in place is half-written"
+        assert all(left[name] == whole[name] for name in left if name.startswith("chunk")), (
+            "no file in place is half-written"
+        )
         if "manifest.json" in left:
             with pytest.raises(ValueError, match="not written yet"):
                 read_dataset(folder)
@@ -329,14 +367,23 @@ def test_changed_files_are_refused(whole, tmp_path, how):
     path = tmp_path / "whole" / "chunk-000002.npz"
     raw = bytearray(whole[path.name])
     raw[len(raw) // 2] ^= 1
-    new = {"tampered": bytes(raw), "cut": whole[path.name][:-10], "swapped": whole["chunk-000001.npz"], "missing": None}[how]
+    new = {
+        "tampered": bytes(raw),
+        "cut": whole[path.name][:-10],
+        "swapped": whole["chunk-000001.npz"],
+        "missing": None,
+    }[how]
     path.unlink()
     if new is not None:
         path.write_bytes(new)
     chunks = read_dataset(path.parent)
     next(chunks)
     next(chunks)
-    with pytest.raises(InputError, match=r"chunk-000002.npz: (its SHA-256 is not the manifest's|No such file).*call stream again with the same recipe"):
+    with pytest.raises(
+        InputError,
+        match=r"chunk-000002.npz: (its SHA-256 is not the manifest's|No such file).*call stream again with the same "
+        r"recipe",
+    ):
         next(chunks)
 
 
@@ -348,10 +395,14 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, whole, tmp_path):
         "chunk 5, asked for 6": {"chunk": 6},
         "key .*, asked for .*8": {"key": jax.random.key(8)},
         "prior .*0.05.*, asked for .*0.04": {"prior": FaultPrior(largest_bow_m=0.04)},
-        "rotor .*x-to-y.*, asked for .*y-to-x": {"rotor": Jeffcott(MASS, list(STIFFNESS), list(RATIO), rotation="y-to-x")},
+        "rotor .*x-to-y.*, asked for .*y-to-x": {
+            "rotor": Jeffcott(MASS, list(STIFFNESS), list(RATIO), rotation="y-to-x")
+        },
     }
     for message, change in others.items():
-        with pytest.raises(InputError, match=rf"holds a dataset of another recipe \({message}.*\); give another folder"):
+        with pytest.raises(
+            InputError, match=rf"holds a dataset of another recipe \({message}.*\); give another folder"
+        ):
             stream(dataclasses.replace(recipe, **change), folder)
     assert contents(folder) == whole
 
@@ -364,7 +415,10 @@ def test_another_recipe_in_the_same_folder_is_refused(recipe, whole, tmp_path):
         (lambda m: m | {"version": 2}, "version 2, but this is for 'rotorjax dataset', version 1"),
         (lambda m: {k: v for k, v in m.items() if k != "chunks"}, "not the manifest of a dataset"),
         (lambda m: m | {"chunks": m["chunks"][1:]}, "its chunks are not those of its recipe"),
-        (lambda m: m | {"chunks": [c | {"file": "../" + c["file"]} for c in m["chunks"]]}, "its chunks are not those of its recipe"),
+        (
+            lambda m: m | {"chunks": [c | {"file": "../" + c["file"]} for c in m["chunks"]]},
+            "its chunks are not those of its recipe",
+        ),
     ],
 )
 def test_changed_manifests_are_refused(recipe, whole, tmp_path, change, message):
@@ -384,7 +438,9 @@ def test_folders_that_cannot_be_used(recipe, tmp_path):
     assert os.listdir(tmp_path) == ["notes.txt"]
     with pytest.raises(InputError, match=r"cannot be made a folder .*; choose another path"):
         stream(recipe, tmp_path / "notes.txt")
-    with pytest.raises(InputError, match=r"manifest.json: No such file or directory; give the folder that stream wrote"):
+    with pytest.raises(
+        InputError, match=r"manifest.json: No such file or directory; give the folder that stream wrote"
+    ):
         read_dataset(tmp_path)
 
 

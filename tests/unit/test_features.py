@@ -30,7 +30,12 @@ def longhand(speed_rpm, unbalance_g_mm, alpha, bow_mm, theta):
         tau = omega / np.sqrt(k / 0.9686)
         size, lag = 1.0 / np.hypot(1.0 - tau**2, 2.0 * zeta * tau), np.arctan2(2.0 * zeta * tau, 1.0 - tau**2)
         u, s = unbalance_g_mm * 1e-6 * tau**2 / 0.9686, bow_mm * 1e-3
-        out.append((size * (u * np.cos(alpha - lag) + s * np.cos(theta - lag)), size * (u * np.sin(alpha - lag) + s * np.sin(theta - lag))))
+        out.append(
+            (
+                size * (u * np.cos(alpha - lag) + s * np.cos(theta - lag)),
+                size * (u * np.sin(alpha - lag) + s * np.sin(theta - lag)),
+            )
+        )
     (cx, sx), (cy, sy) = out
     return np.array([cx, -sx, sy, cy])
 
@@ -66,7 +71,9 @@ def test_inverse_undoes_the_map(paper_rotor, rng):
 
 
 def test_unequal_errors_are_weighed(paper_rotor, rng):
-    """Features of one speed a thousand times less sure: the weighted inverse has the errors that it states, the plain one far larger."""
+    """Features of one speed a thousand times less sure: the weighted inverse has the errors that it states, the plain
+    one far larger.
+    """
     speeds, fault = [1500.0, 2500.0], components(FaultValues(8.0, 30.0, 0.5, 45.0))
     stacked, sigma = feature_map(paper_rotor, speeds).reshape(-1, 4), np.repeat([1e-5, 1e-8], 4)
     covariance = np.diag(sigma**2) + 1e-18 * np.ones((8, 8))

@@ -18,7 +18,9 @@ def measure(rotor, speeds_rpm, *, sigma=0.1e-6, installed=None, seed=0, **settin
     true = np.array(list(FAULTS.values()))[runs]
     known = np.array(list(installed.values()))[runs]
     speeds = np.tile(speeds_rpm, len(FAULTS))
-    clean = np.asarray(response(Model(rotor, **settings), Conditions.at_rpm(speeds, unbalance=true[:, None, :2], bow=true[:, 2:])))
+    clean = np.asarray(
+        response(Model(rotor, **settings), Conditions.at_rpm(speeds, unbalance=true[:, None, :2], bow=true[:, 2:]))
+    )
     rng = np.random.default_rng(seed)
     z = clean + sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
     conditions = Conditions.at_rpm(speeds, unbalance=known[:, None, :2], bow=known[:, 2:])
@@ -43,7 +45,9 @@ def test_one_speed_and_nearly_equal_axes(paper_rotor):
     found = diagnose(paper_rotor + _nothing(), measure(paper_rotor, [1500], sigma=1e-6))
     run = found.runs[0]
     assert not run.identifiable
-    assert re.search(r"one speed \(1500 rpm\) and nearly equal axes \(critical speeds 219\d and 230\d rpm\)", run.reason)
+    assert re.search(
+        r"one speed \(1500 rpm\) and nearly equal axes \(critical speeds 219\d and 230\d rpm\)", run.reason
+    )
     assert "a reading at" in run.reason
     assert 5e-6 < run.unbalance.largest_error < 60e-6
     assert run.unbalance_alone is not None
@@ -67,7 +71,9 @@ def test_uncertain_stiffness_widens_the_errors(paper_rotor):
     one = diagnose(Model(wrong), dataclasses.replace(measure(paper_rotor, [1500]), knowledge=knowledge)).runs[0]
     assert not one.identifiable
     assert one.unbalance.largest_error > 20e-6
-    for run in diagnose(Model(wrong), dataclasses.replace(measure(paper_rotor, [800, 1500, 1900, 2600]), knowledge=knowledge)).runs:
+    for run in diagnose(
+        Model(wrong), dataclasses.replace(measure(paper_rotor, [800, 1500, 1900, 2600]), knowledge=knowledge)
+    ).runs:
         assert run.identifiable, run.reason
         assert np.hypot(*(run.unbalance.pair - np.array(FAULTS[run.run][:2]))) < 4 * run.unbalance.largest_error
         assert run.unbalance.largest_error < 1e-6
@@ -83,7 +89,9 @@ def test_a_model_that_fails_is_named(paper_rotor):
 def test_proposed_speed_keeps_its_promise(paper_rotor):
     """The error after adding the proposed reading is the promised one."""
     reason = diagnose(paper_rotor + _nothing(), measure(paper_rotor, [1500], sigma=1e-6)).runs[0].reason
-    speed, before, after = map(float, re.search(r"a reading at (\d+) rpm .* from ([\d.e+]+) to ([\d.e+]+) g mm", reason).groups())
+    speed, before, after = map(
+        float, re.search(r"a reading at (\d+) rpm .* from ([\d.e+]+) to ([\d.e+]+) g mm", reason).groups()
+    )
     again = diagnose(paper_rotor + _nothing(), measure(paper_rotor, [1500, speed], sigma=1e-6)).runs[0]
     assert again.unbalance.largest_error * 1e6 == pytest.approx(after, rel=0.8)
     assert after < 0.2 * before
@@ -92,12 +100,16 @@ def test_proposed_speed_keeps_its_promise(paper_rotor):
 def test_participation_of_a_second_plane_counts_in_a_reference(paper_rotor):
     from rotorjax import Layout, effects
 
-    model = Model(paper_rotor, participation=[1.0, 0.8], layout=Layout(planes=("a", "b"))) + effects.PlaneParticipation([0.3])
+    model = Model(paper_rotor, participation=[1.0, 0.8], layout=Layout(planes=("a", "b"))) + effects.PlaneParticipation(
+        [0.3]
+    )
     weights = np.array([[0.0, 0.0], [10e-6, 0.0]])
     conditions = Conditions.at_rpm([800.0, 1500.0, 2600.0], unbalance=weights)
     z = np.asarray(response(model, conditions))
     run, present = np.zeros(3, int), np.ones(z.shape, bool)
-    measurement = Measurement(("a",), ("X", "Y"), (1.0,), run, ("",) * 3, conditions, z, present, np.full(z.shape, 1e-8), "given")
+    measurement = Measurement(
+        ("a",), ("X", "Y"), (1.0,), run, ("",) * 3, conditions, z, present, np.full(z.shape, 1e-8), "given"
+    )
     assert diagnose(model, measurement, reference=("a",)).inherent.unbalance.magnitude < 1e-9
 
 
@@ -140,7 +152,9 @@ def test_inherent_faults_are_compensated(paper_rotor):
     """Run a's installed faults are known: what it has beyond them is taken off run b."""
     inherent = np.array([1e-6, 0.0, 5e-5, 0.0])
     installed = {run: tuple(np.array(fault) - inherent) for run, fault in FAULTS.items()}
-    found = diagnose(paper_rotor + _nothing(), measure(paper_rotor, [800, 1500, 2600], installed=installed), reference=("a",))
+    found = diagnose(
+        paper_rotor + _nothing(), measure(paper_rotor, [800, 1500, 2600], installed=installed), reference=("a",)
+    )
     assert found.inherent is not None
     assert np.hypot(*(found.inherent.unbalance.pair - inherent[:2])) < 4 * found.inherent.unbalance.largest_error
     compensated = found.runs[1].unbalance.pair

@@ -1,4 +1,6 @@
-"""Programs kept from one process to the next: found again, made anew where what was kept is damaged, and nothing kept where it must not be."""
+"""Programs kept from one process to the next: found again, made anew where what was kept is damaged, and nothing kept
+where it must not be.
+"""
 
 import jax
 import numpy as np
@@ -38,14 +40,21 @@ def test_a_program_is_traced_once_and_then_found(folder):
 
 
 def test_what_it_is_made_of_and_its_shapes_tell_programs_apart(folder):
-    for made_of, values in (("doubled", VALUES), ("otherwise", VALUES), ("doubled", VALUES[:2]), ("doubled", VALUES.astype(int))):
+    for made_of, values in (
+        ("doubled", VALUES),
+        ("otherwise", VALUES),
+        ("doubled", VALUES[:2]),
+        ("doubled", VALUES.astype(int)),
+    ):
         function = Doubled()
         kept_program(function, made_of, (values,))(values)
         assert function.traced == 1
     assert len(list(folder.iterdir())) == 4
 
 
-@pytest.mark.parametrize("damage", [lambda content: content[:-1], lambda content: b"", lambda content: content[:40] + b"\x00" + content[41:]])
+@pytest.mark.parametrize(
+    "damage", [lambda content: content[:-1], lambda content: b"", lambda content: content[:40] + b"\x00" + content[41:]]
+)
 def test_damaged_it_is_made_anew(folder, damage):
     kept_program(Doubled(), "doubled", (VALUES,))
     (file,) = folder.iterdir()

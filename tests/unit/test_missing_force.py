@@ -1,4 +1,6 @@
-"""The force that a model lacks: zero where nothing is missing, the hidden one where something is, and a reason where it cannot be told."""
+"""The force that a model lacks: zero where nothing is missing, the hidden one where something is, and a reason where it
+cannot be told.
+"""
 
 import dataclasses
 import inspect
@@ -21,7 +23,9 @@ SIGMA = 3e-7
 
 
 def rotor(**settings) -> Model:
-    return Model(Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05], gravity=GRAVITY), layout=Layout(orders=ORDERS), **settings)
+    return Model(
+        Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05], gravity=GRAVITY), layout=Layout(orders=ORDERS), **settings
+    )
 
 
 def measured(model: Model, *, sigma: float | None = SIGMA) -> Measurement:
@@ -38,7 +42,11 @@ CRANKED = {"probes": dataclasses.replace(rotor().probes, angle=jnp.array([0.6, 2
 MODELS = {
     "linear": lambda: rotor() + effects.ResidualBow(5e-6, 1e-6),
     "chain": lambda: (
-        rotor(**CRANKED) + effects.TimeDelay(3e-4) + effects.ProbeGain([0.1, -0.05]) + effects.SpeedError(0.01) + effects.Foundation(2e-6, 0.3, 0.1)
+        rotor(**CRANKED)
+        + effects.TimeDelay(3e-4)
+        + effects.ProbeGain([0.1, -0.05])
+        + effects.SpeedError(0.01)
+        + effects.Foundation(2e-6, 0.3, 0.1)
     ),
     "slow roll": lambda: rotor(slow_roll=20.0) + effects.ResidualBow(5e-6, 1e-6),
     "crack": lambda: rotor() + effects.Crack(1500.0, 400.0),
@@ -104,7 +112,9 @@ def test_an_order_without_probes_is_the_linear_rotors():
     measurement = measured(model + hidden)
     present = measurement.present.copy()
     present[0, :, 0] = False
-    found = missing_force(model, dataclasses.replace(measurement, present=present, vectors=np.where(present, measurement.vectors, 0.0)))
+    found = missing_force(
+        model, dataclasses.replace(measurement, present=present, vectors=np.where(present, measurement.vectors, 0.0))
+    )
     assert found.usable.all()
     np.testing.assert_allclose(found.amplitude[0, 0], [0.0, 0.4 - 0.1j, 0.0, 0.0], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(np.mean(found.displacement[0, 1]), GRAVITY[1] * 0.9686 / 51282.0, rtol=1e-9)
@@ -155,7 +165,9 @@ def test_terms_at_their_null_change_nothing():
     np.testing.assert_allclose(response(whole, conditions), response(plain, conditions), rtol=1e-12, atol=1e-18)
 
     def reading(unit):
-        added = [cls().replaced([unit * p.prior_scale(plain.rotor) for p in cls.parameters()]) for cls in TERMS.values()]
+        added = [
+            cls().replaced([unit * p.prior_scale(plain.rotor) for p in cls.parameters()]) for cls in TERMS.values()
+        ]
         z = response(plain.plus(added), conditions)
         return jnp.stack([z.real, z.imag])
 
@@ -165,7 +177,13 @@ def test_terms_at_their_null_change_nothing():
 def test_words_are_plain(paper_rotor):
     tried = list(shapes(effects.CATALOG | TERMS, paper_rotor, Reach(2e-4, 1e-4, 2e-4)))
     words = {shape.words for shape in tried}
-    expected = {"cubic in x", "quadratic damping along y", "constant direction along x, once per turn", "stiffness along y", "cross coupling"}
+    expected = {
+        "cubic in x",
+        "quadratic damping along y",
+        "constant direction along x, once per turn",
+        "stiffness along y",
+        "cross coupling",
+    }
     assert expected <= words
     assert "dead band along x of 0.19 mm" in words
     assert "clearance beyond 0.19 mm" in words

@@ -1,4 +1,6 @@
-"""Motion and parameters fitted together: kernels against the response, descents against the truth, the count of linearisations."""
+"""Motion and parameters fitted together: kernels against the response, descents against the truth, the count of
+linearisations.
+"""
 
 import dataclasses
 
@@ -60,7 +62,9 @@ def test_without_forces_on_the_motion_one_step_is_exact(spring):
         own = dataclasses.replace(model, slow_roll=slow_roll)
         space = space_of(own, measurement)
         lin = Linearisation(space, make_data(measurement, space.model, NO_NOISE), Budget())
-        point = unknowns_at(space, residual_unbalance__unbalance_x_kg_m=1e-5, cross_coupling__cross_stiffness_n_per_m=500.0)
+        point = unknowns_at(
+            space, residual_unbalance__unbalance_x_kg_m=1e-5, cross_coupling__cross_stiffness_n_per_m=500.0
+        )
         free = np.flatnonzero(space.free(["residual_unbalance", "cross_coupling", "probe_gain"]))
         anywhere = 1e-5 * np.random.default_rng(0).standard_normal(lin.at_rest.shape)
         (off,) = lin.at([Point(point, anywhere)], [free])
@@ -104,7 +108,8 @@ def test_slopes_are_those_of_the_response(spring):
     (one,) = lin.at([Point(point, end.motions, refined=True)], [free])
     step = 1e-4
     for column, unknown in enumerate(free):
-        moved = [predict(space, measurement.conditions, point + side * step * np.eye(len(point))[unknown], budget=Budget(),
+        moved = [predict(space, measurement.conditions, point + side * step * np.eye(len(point))[unknown],
+                         budget=Budget(),
                          near=(measurement.conditions, end.motions)).shown for side in (1.0, -1.0)]  # fmt: skip
         quotient = (moved[0] - moved[1]) / (2.0 * step)
         pairs = np.stack([quotient.real, quotient.imag], axis=-1).reshape(len(data.speed), -1)
@@ -122,7 +127,15 @@ def test_prediction_is_the_response(spring):
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), [("duffing", 5), ("clearance", 5), ("rub", 5), ("asymmetric_shaft", 5), ("quadratic_damping", 5), ("probe_saturation", 5)]
+    ("name", "seed"),
+    [
+        ("duffing", 5),
+        ("clearance", 5),
+        ("rub", 5),
+        ("asymmetric_shaft", 5),
+        ("quadratic_damping", 5),
+        ("probe_saturation", 5),
+    ],
 )
 def test_declared_starts_reach_the_optimum_at_the_truth(name, seed):
     """Regret: the cost from declared starts less that of a descent begun at the true values."""
@@ -147,9 +160,13 @@ def test_motions_of_cases_left_out_follow_the_balance(spring):
     _, measurement, space, data, _ = spring
     free, training = space.free(["duffing"]), np.ones((1, len(measurement.run)), bool)
     training[0, ::3] = False
-    (end,) = descend(space, data, starts_at(declared_starts(space, free, measurement.reach))[1:2], free, training, budget=Budget())
+    (end,) = descend(
+        space, data, starts_at(declared_starts(space, free, measurement.reach))[1:2], free, training, budget=Budget()
+    )
     lost = measurement.vectors[::3] - end.shown[::3]
-    assert np.sqrt(np.mean(np.abs(lost[measurement.present[::3]]) ** 2)) < 2.0 * np.sqrt(2.0) * np.median(measurement.sigma)
+    assert np.sqrt(np.mean(np.abs(lost[measurement.present[::3]]) ** 2)) < 2.0 * np.sqrt(2.0) * np.median(
+        measurement.sigma
+    )
 
 
 def test_a_spent_budget_leaves_every_start_linearised_once(spring):
@@ -164,7 +181,9 @@ def test_a_spent_budget_leaves_every_start_linearised_once(spring):
 
 
 def test_fits_that_were_cut_off_go_on_once_an_answer_holds(spring, monkeypatch):
-    """Each race has a share of the linearisations under the noise that is known; what it could not fit within that is no worse for it."""
+    """Each race has a share of the linearisations under the noise that is known; what it could not fit within that is
+    no worse for it.
+    """
     model, measurement, *_ = spring
     sets = [frozenset(), frozenset(["duffing"]), frozenset(["rub"])]
     found = []
@@ -193,9 +212,17 @@ def test_projected_draws_leave_what_fitted_draws_leave():
 
 def test_heavier_rotor_is_still_one_rotor():
     """Kernels take the rotor as an argument: two rigs with the same probes and orders share one compiled program."""
-    one, other = (space_of(Model(Jeffcott(mass, 5e4, 0.02)), hidden.sufficient(effects.MassError, seed=1)[1]) for mass in (1.0, 7.0))
+    one, other = (
+        space_of(Model(Jeffcott(mass, 5e4, 0.02)), hidden.sufficient(effects.MassError, seed=1)[1])
+        for mass in (1.0, 7.0)
+    )
     data = make_data(hidden.sufficient(effects.MassError, seed=1)[1], one.model, NO_NOISE)
-    shown = [Linearisation(space, data, Budget()).at([Point(np.zeros(len(space.entries)), None)], [np.zeros(0, int)])[0].shown for space in (one, other)]
+    shown = [
+        Linearisation(space, data, Budget())
+        .at([Point(np.zeros(len(space.entries)), None)], [np.zeros(0, int)])[0]
+        .shown
+        for space in (one, other)
+    ]
     assert not np.allclose(shown[0], shown[1])
 
 
@@ -220,7 +247,9 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
         return both, both
 
     differentiated = jax.jit(jax.vmap(jax.jacfwd(along, argnums=(0, 1), has_aux=True)))(unknowns, motion)
-    ((by_unknown, by_motion), (force_by_unknown, force_by_motion)), (shown, force) = jax.tree.map(np.asarray, differentiated)
+    ((by_unknown, by_motion), (force_by_unknown, force_by_motion)), (shown, force) = jax.tree.map(
+        np.asarray, differentiated
+    )
     for first in range(0, count, COLUMNS):
         columns = np.where(np.arange(first, first + COLUMNS) < count, np.arange(first, first + COLUMNS), -1)
         rows = Rows(unknowns, np.tile(columns, (3, 1)), np.full(3, 200.0), np.full((3, 1, 2), 1e-5), np.zeros((3, 2)))
@@ -256,7 +285,9 @@ def test_a_fit_that_known_motions_led_astray_begins_again_with_those_measured(sp
 
     found = ended()
     assert found.exact
-    assert found.cost == pytest.approx(descend(space, data, [Start(start.point)], free, every, budget=Budget(), manner=QUICK)[0].cost, abs=0.1)
+    assert found.cost == pytest.approx(
+        descend(space, data, [Start(start.point)], free, every, budget=Budget(), manner=QUICK)[0].cost, abs=0.1
+    )
     monkeypatch.setattr(descent, "_lost", lambda *_: [])
     assert not ended().exact, "these motions do lead astray"
 
@@ -283,13 +314,23 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
 
     def unbounded(self, points, free):
         return [
-            one if one.freedom is None else one._replace(freedom=one.freedom._replace(reach=np.full_like(one.freedom.reach, 1e20)))
+            one
+            if one.freedom is None
+            else one._replace(freedom=one.freedom._replace(reach=np.full_like(one.freedom.reach, 1e20)))
             for one in whole(self, points, free)
         ]
 
     monkeypatch.setattr(Linearisation, "at", unbounded)
     monkeypatch.setattr(descent, "first_motions", lambda lin, points: [lin.at_rest for _ in points])
     monkeypatch.setattr(descent, "scan", lambda *_: None)
-    (end,) = descend(space, data, [Start(unknowns_at(space, duffing__cubic_n_per_m3=true))], free, every, budget=Budget(), manner=QUICK)
+    (end,) = descend(
+        space,
+        data,
+        [Start(unknowns_at(space, duffing__cubic_n_per_m3=true))],
+        free,
+        every,
+        budget=Budget(),
+        manner=QUICK,
+    )
     assert end.result == NOT_FINITE
     assert not end.exact

@@ -10,7 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax.diagnosis.network import FORMAT, SLACK, FaultNetwork, Format, Parts, Perceptron, Range, read_parts, write_parts
+from rotorjax.diagnosis.network import (
+    FORMAT,
+    SLACK,
+    FaultNetwork,
+    Format,
+    Parts,
+    Perceptron,
+    Range,
+    read_parts,
+    write_parts,
+)
 from rotorjax.errors import InputError
 
 FEATURES, HIDDEN, TARGETS = 4, 5, 4
@@ -21,7 +31,10 @@ WEIGHTS = HIDDEN * (FEATURES + 1) + TARGETS * (HIDDEN + 1)
 def network(rng):
     """Random weights, and ranges of the size of the paper's features [m] and faults [kg m, m]."""
     perceptron = Perceptron(
-        rng.standard_normal((HIDDEN, FEATURES)), rng.standard_normal(HIDDEN), rng.standard_normal((TARGETS, HIDDEN)), rng.standard_normal(TARGETS)
+        rng.standard_normal((HIDDEN, FEATURES)),
+        rng.standard_normal(HIDDEN),
+        rng.standard_normal((TARGETS, HIDDEN)),
+        rng.standard_normal(TARGETS),
     )
     faults = np.array([1e-3, 1e-3, 0.05, 0.05])
     return FaultNetwork(perceptron, Range(np.full(4, -0.09), np.full(4, 0.08)), Range(-faults, 0.9 * faults))
@@ -74,7 +87,9 @@ def test_range_refuses_a_constant_column_and_names_it():
 def test_value_is_the_formula(network, features):
     p, low, high = network.perceptron, np.asarray(network.outputs.low), np.asarray(network.outputs.high)
     x = 2.0 * (features + 0.09) / 0.17 - 1.0
-    y = np.tanh(x @ np.asarray(p.weight_in).T + np.asarray(p.bias_in)) @ np.asarray(p.weight_out).T + np.asarray(p.bias_out)
+    y = np.tanh(x @ np.asarray(p.weight_in).T + np.asarray(p.bias_in)) @ np.asarray(p.weight_out).T + np.asarray(
+        p.bias_out
+    )
     np.testing.assert_allclose(network.diagnose(features), low + (y + 1.0) * (high - low) / 2.0, rtol=1e-12, atol=1e-16)
     assert p.size == WEIGHTS
 
@@ -95,7 +110,9 @@ def test_derivative_is_finite_and_that_of_differences(network, features):
     point, step = jnp.asarray(features[0]), 1e-6
     jacobian = np.asarray(jax.jacfwd(network)(point))
     assert np.all(np.isfinite(jacobian))
-    differences = np.stack([(network(point + step * axis) - network(point - step * axis)) / (2.0 * step) for axis in jnp.eye(4)], axis=1)
+    differences = np.stack(
+        [(network(point + step * axis) - network(point - step * axis)) / (2.0 * step) for axis in jnp.eye(4)], axis=1
+    )
     np.testing.assert_allclose(jacobian, differences, rtol=1e-6, atol=1e-8 * np.max(np.abs(jacobian)))
     by_weights = eqx.filter_grad(lambda net: jnp.sum(net(point) ** 2))(network)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(by_weights))
@@ -113,7 +130,10 @@ def test_diagnose_keeps_the_shape_of_the_cases(network, features):
 @pytest.mark.parametrize("shape", [(3,), (5, 3), (4, 5)])
 def test_diagnose_refuses_another_shape(network, shape):
     unchecked = inspect.unwrap(FaultNetwork.diagnose)
-    with pytest.raises(ValueError, match=rf"features have shape {re.escape(str(shape))}: give f1, f2, f3, f4 along the last axis, in metres"):
+    with pytest.raises(
+        ValueError,
+        match=rf"features have shape {re.escape(str(shape))}: give f1, f2, f3, f4 along the last axis, in metres",
+    ):
         unchecked(network, np.zeros(shape))
 
 
@@ -166,7 +186,9 @@ def test_within_keeps_the_shape_of_the_cases(network, features):
 
 
 def test_within_refuses_what_diagnose_refuses(network, features):
-    with pytest.raises(ValueError, match=r"features have shape \(3,\): give f1, f2, f3, f4 along the last axis, in metres"):
+    with pytest.raises(
+        ValueError, match=r"features have shape \(3,\): give f1, f2, f3, f4 along the last axis, in metres"
+    ):
         inspect.unwrap(FaultNetwork.within)(network, np.zeros(3))
     features[4, 1] = np.nan
     with pytest.raises(ValueError, match="feature f2 of case 4 is not finite: leave that case out"):
@@ -224,7 +246,17 @@ def with_more(content):
     content["inputs"]["middle"] = [0.0]
 
 
-CHANGES = [without_bias, without_outputs, of_another_version, of_another_kind, of_words, of_too_many_weights, of_too_few_ranges, of_one_row, with_more]
+CHANGES = [
+    without_bias,
+    without_outputs,
+    of_another_version,
+    of_another_kind,
+    of_words,
+    of_too_many_weights,
+    of_too_few_ranges,
+    of_one_row,
+    with_more,
+]
 
 
 @pytest.mark.parametrize("change", CHANGES)
@@ -234,11 +266,15 @@ def test_a_changed_file_is_refused(network, tmp_path, change):
     content = json.loads(path.read_text())
     change(content)
     path.write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=r"network\.json: not a network that rotorjax wrote .*; train it anew and save it"):
+    with pytest.raises(
+        ValueError, match=r"network\.json: not a network that rotorjax wrote .*; train it anew and save it"
+    ):
         FaultNetwork.load(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"a,b\n1,2\n", b"[1, 2]", b"7", b"{}", b'{"format": "other"}', b"\xff\xfe\x00"])
+@pytest.mark.parametrize(
+    "content", [b"", b"a,b\n1,2\n", b"[1, 2]", b"7", b"{}", b'{"format": "other"}', b"\xff\xfe\x00"]
+)
 def test_another_file_is_refused(tmp_path, content):
     path = tmp_path / "other.json"
     path.write_bytes(content)
@@ -260,7 +296,10 @@ def test_the_layout_is_nested(network, tmp_path):
 def test_the_flat_layout_of_before_is_named(tmp_path):
     path = tmp_path / "old.json"
     path.write_text('{"format": "rotorjax network 1", "weight_in": [[1.0]]}')
-    with pytest.raises(ValueError, match=r"its format is 'rotorjax network 1' instead of 'rotorjax network 2'.*; train it anew and save it"):
+    with pytest.raises(
+        ValueError,
+        match=r"its format is 'rotorjax network 1' instead of 'rotorjax network 2'.*; train it anew and save it",
+    ):
         FaultNetwork.load(path)
 
 
@@ -268,7 +307,10 @@ def test_a_format_of_other_ends_is_refused(network, tmp_path):
     path, parts = tmp_path / "network.json", Parts(network.perceptron, network.inputs, network.outputs)
     write_parts(path, Format("test", 1), parts)
     assert read_parts(path, Format("test", 1, (FEATURES, TARGETS))).perceptron.size == WEIGHTS
-    with pytest.raises(ValueError, match=r"network\.json: not a test that rotorjax wrote \(it leads from 4 numbers to 4 instead of 2 to 4\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"network\.json: not a test that rotorjax wrote \(it leads from 4 numbers to 4 instead of 2 to 4\)",
+    ):
         read_parts(path, Format("test", 1, (2, TARGETS)))
 
 

@@ -43,7 +43,9 @@ def test_others_stay_normal():
     both = prior_at(unknowns, parts)
     alone = prior_at(unknowns[2:], np.ones((1, 1)))
     peak = multivariate_normal.logpdf(np.zeros(2), np.zeros(2))
-    assert float(both.cost - alone.cost) == pytest.approx(peak - multivariate_normal.logpdf(np.asarray(unknowns[:2]), np.zeros(2)))
+    assert float(both.cost - alone.cost) == pytest.approx(
+        peak - multivariate_normal.logpdf(np.asarray(unknowns[:2]), np.zeros(2))
+    )
     np.testing.assert_allclose(both.weight[:2], 1.0)
 
 
@@ -59,18 +61,34 @@ def test_weight_is_gradient_and_bounds_curvature(size: float):
     slopes = np.array([prior_at(unknowns + move, parts).weight * (unknowns + move) for move in around])
     curvature = (slopes[:2] - slopes[2:]) / (2.0 * step)
     assert float(np.linalg.eigvalsh(np.diag(weight) - curvature).min()) > -1e-9
-    assert float(prior_at(np.asarray([0.0, 1.0]) * size, parts).cost) == pytest.approx(float(prior_at(unknowns, parts).cost))
+    assert float(prior_at(np.asarray([0.0, 1.0]) * size, parts).cost) == pytest.approx(
+        float(prior_at(unknowns, parts).cost)
+    )
 
 
 def test_sizes_are_left_open_unless_told():
-    """Of forces that depend on motion: their strength and their gap, not a coefficient of friction, and not what the user gave a scale."""
-    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.Duffing() + effects.Crack() + effects.Rub() + effects.ResidualBow()
+    """Of forces that depend on motion: their strength and their gap, not a coefficient of friction, and not what the
+    user gave a scale.
+    """
+    model = (
+        Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02))
+        + effects.Duffing()
+        + effects.Crack()
+        + effects.Rub()
+        + effects.ResidualBow()
+    )
     own = make_space(model, Knowledge())
     numbers = {e.key: int(own.open_size[e.unknown]) for e in own.entries}
     assert numbers["crack.loss_x_n_per_m"] == numbers["crack.loss_y_n_per_m"]
-    sizes = [numbers[key] for key in ("duffing.cubic_n_per_m3", "crack.loss_x_n_per_m", "rub.stiffness_n_per_m", "rub.inverse_gap_per_m")]
+    sizes = [
+        numbers[key]
+        for key in ("duffing.cubic_n_per_m3", "crack.loss_x_n_per_m", "rub.stiffness_n_per_m", "rub.inverse_gap_per_m")
+    ]
     assert sorted(sizes) == [0, 1, 2, 3]
-    assert {key for key, number in numbers.items() if number < 0} == {"rub.friction", *(key for key in numbers if key.startswith("residual_bow"))}
+    assert {key for key, number in numbers.items() if number < 0} == {
+        "rub.friction",
+        *(key for key in numbers if key.startswith("residual_bow")),
+    }
     told = make_space(model, Knowledge(priors={"duffing": {"cubic_n_per_m3": 1e12}}))
     assert "duffing" not in {e.effect for e in told.entries if int(told.open_size[e.unknown]) >= 0}
 

@@ -32,28 +32,38 @@ def test_values(tmp_path):
 
 def test_weight_angles_and_planes(tmp_path):
     text = RIG.replace("unbalance = { magnitude_g_mm = 30.0, angle_deg = 0.0 }", "")
-    text += 'unbalance = [{ plane = "b", magnitude_g_mm = 10.0, angle_deg = 90.0 }, { plane = "a", magnitude_g_mm = 5.0 }]\n'
-    text += 'bow = { magnitude_mm = 0.1, angle_deg = 90.0 }\n[planes.a]\n[planes.b]\nparticipation = 0.8\n[convention]\nweight_angles = "against-rotation"\n'
+    text += 'unbalance = [{ plane = "b", magnitude_g_mm = 10.0, angle_deg = 90.0 }, '
+    text += '{ plane = "a", magnitude_g_mm = 5.0 }]\n'
+    text += "bow = { magnitude_mm = 0.1, angle_deg = 90.0 }\n[planes.a]\n[planes.b]\nparticipation = 0.8\n"
+    text += '[convention]\nweight_angles = "against-rotation"\n'
     rig = rig_of(tmp_path, text)
     np.testing.assert_allclose(rig.runs["trial-a"].unbalance, [[5e-6, 0.0], [0.0, -10e-6]], atol=1e-20)
     np.testing.assert_allclose(rig.runs["trial-a"].bow, [0.0, -1e-4], atol=1e-18)
     assert rig.convention.angle_deg(np.array([0.0, -1.0])) == pytest.approx(90.0)
 
 
-@pytest.mark.parametrize(("text", "expected"), [('"none"', (0, 0)), ('"-y"', (0, -9.80665)), ('"+x"', (9.80665, 0)), ("{ angle_deg = 90.0 }", (0, 9.80665))])
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [('"none"', (0, 0)), ('"-y"', (0, -9.80665)), ('"+x"', (9.80665, 0)), ("{ angle_deg = 90.0 }", (0, 9.80665))],
+)
 def test_gravity(tmp_path, text, expected):
     rig = rig_of(tmp_path, RIG.replace("[probes]", f"gravity = {text}\n[probes]"))
     np.testing.assert_allclose(rig.model.rotor.gravity, expected, atol=1e-12)
 
 
 def test_rotation_and_slow_roll(tmp_path):
-    rig = rig_of(tmp_path, RIG + '[convention]\nrotation = "y-to-x"\nslow_roll_subtracted = true\nslow_roll_rpm = 300.0\n')
+    rig = rig_of(
+        tmp_path, RIG + '[convention]\nrotation = "y-to-x"\nslow_roll_subtracted = true\nslow_roll_rpm = 300.0\n'
+    )
     assert rig.model.rotor.spin == -1
     assert float(rig.model.slow_roll) == pytest.approx(300.0 * math.pi / 30.0)
 
 
 def test_uncertainty(tmp_path):
-    text = RIG + "[uncertainty]\nstiffness = { common = 0.05 }\nmass = 0.1\ndamping_ratio = { x = 0.3, y = 0.0 }\nprobe_angle_deg = 2.0\ninstalled_bow = 0.03\n"
+    text = (
+        RIG + "[uncertainty]\nstiffness = { common = 0.05 }\nmass = 0.1\ndamping_ratio = { x = 0.3, y = 0.0 "
+        "}\nprobe_angle_deg = 2.0\ninstalled_bow = 0.03\n"
+    )
     known = rig_of(tmp_path, text).knowledge
     stiffness = [u for u in known.uncertain if u.effect == "stiffness_error"]
     assert [u.label for u in stiffness] == ["error_x", "error_y"]
@@ -66,8 +76,13 @@ def test_uncertainty(tmp_path):
 
 
 def test_effects_and_priors(tmp_path):
-    text = RIG + "[effects.cross_coupling]\ncross_stiffness_n_per_m = 858.0\n[effects.probe_angle]\nangle_rad = { Y = 0.1 }\n"
-    text += "[effects.runout]\nreal_m = { X = { 2X = 1e-6 } }\n[prior.cross_coupling]\ncross_stiffness_n_per_m = 2000.0\n"
+    text = (
+        RIG
+        + "[effects.cross_coupling]\ncross_stiffness_n_per_m = 858.0\n[effects.probe_angle]\nangle_rad = { Y = 0.1 }\n"
+    )
+    text += (
+        "[effects.runout]\nreal_m = { X = { 2X = 1e-6 } }\n[prior.cross_coupling]\ncross_stiffness_n_per_m = 2000.0\n"
+    )
     rig = rig_of(tmp_path, text)
     assert float(rig.model.find("cross_coupling").cross_stiffness_n_per_m) == 858.0
     np.testing.assert_allclose(rig.model.find("probe_angle").angle_rad, [0.0, 0.1])
@@ -86,12 +101,30 @@ def test_effects_and_priors(tmp_path):
         (("{ x = 56500.0, y = 51300.0 }", "{ x = 56500.0 }"), "rotor.stiffness_n_per_m.y: is missing"),
         (("[rotor]", "[roto]"), "roto: unknown section; did you mean 'rotor'?"),
         (("angle_deg = 90.0", "angle = 90.0"), "probes.Y.angle: unknown key; did you mean 'angle_deg'?"),
-        (("[runs.baseline]", '[convention]\nphase = "lagging"\n[runs.baseline]'), "convention.phase: 'lagging' is not one of 'lead', 'lag'"),
-        (("[runs.baseline]", "[runs.baseline]\nunbalanc = {}"), "runs.baseline.unbalanc: unknown key; did you mean 'unbalance'?"),
-        (("[runs.baseline]", '[runs.baseline]\nunbalance = { magnitude_g_mm = 1.0, plane = "b" }'), "unknown plane 'b'"),
-        (("[runs.baseline]", "[effects.cross_couplin]\n[runs.baseline]"), "effects.cross_couplin: unknown effect; did you mean 'cross_coupling'?"),
-        (("[runs.baseline]", "[effects.cross_coupling]\nstiffness = 1.0\n[runs.baseline]"), "unknown parameter; did you mean 'cross_stiffness_n_per_m'?"),
-        (("[runs.baseline]", "[prior.mass_error]\nerror = 0.0\n[runs.baseline]"), "prior.mass_error.error: must be above 0"),
+        (
+            ("[runs.baseline]", '[convention]\nphase = "lagging"\n[runs.baseline]'),
+            "convention.phase: 'lagging' is not one of 'lead', 'lag'",
+        ),
+        (
+            ("[runs.baseline]", "[runs.baseline]\nunbalanc = {}"),
+            "runs.baseline.unbalanc: unknown key; did you mean 'unbalance'?",
+        ),
+        (
+            ("[runs.baseline]", '[runs.baseline]\nunbalance = { magnitude_g_mm = 1.0, plane = "b" }'),
+            "unknown plane 'b'",
+        ),
+        (
+            ("[runs.baseline]", "[effects.cross_couplin]\n[runs.baseline]"),
+            "effects.cross_couplin: unknown effect; did you mean 'cross_coupling'?",
+        ),
+        (
+            ("[runs.baseline]", "[effects.cross_coupling]\nstiffness = 1.0\n[runs.baseline]"),
+            "unknown parameter; did you mean 'cross_stiffness_n_per_m'?",
+        ),
+        (
+            ("[runs.baseline]", "[prior.mass_error]\nerror = 0.0\n[runs.baseline]"),
+            "prior.mass_error.error: must be above 0",
+        ),
         (("[runs.baseline]", "[uncertainty]\nmass = -0.1\n[runs.baseline]"), "uncertainty.mass: must be at least 0"),
         (("[runs.baseline]", "[limits]\nspeed_rpm = [3000, 600]\n[runs.baseline]"), "limits.speed_rpm: must rise"),
         (("[runs.baseline]", '[rotor2]\ngravity = "down"\n[runs.baseline]'), "rotor2: unknown section"),
@@ -104,7 +137,9 @@ def test_refused(tmp_path, change, words):
 
 
 def test_all_problems_at_once(tmp_path):
-    text = problems(tmp_path, RIG.replace("mass_kg = 0.97", "mass_kg = -1.0").replace("angle_deg = 90.0", "angle = 90.0"))
+    text = problems(
+        tmp_path, RIG.replace("mass_kg = 0.97", "mass_kg = -1.0").replace("angle_deg = 90.0", "angle = 90.0")
+    )
     assert len(text.splitlines()) == 3
 
 

@@ -65,7 +65,9 @@ def test_phase_convention():
 
 
 def test_exact_without_noise_at_a_varying_speed():
-    """Orders, half an order among them, and a quadratic drift come apart to the spline's accuracy, 5 % of speed change."""
+    """Orders, half an order among them, and a quadratic drift come apart to the spline's accuracy, 5 %
+    of speed change.
+    """
     sweep = Sweep(40, change=0.05)
     sub, twice = np.array([5e-6, 3e-6j]), np.array([8e-6 * np.exp(2j), 2e-6])
     drift = 1e-4 * np.outer(sweep.time**2, [1.0, -2.0]) + 3e-4
@@ -84,7 +86,9 @@ def test_a_drift_left_out_leaks_as_documented():
     part = (sweep.time - sweep.pulses[0]) / (sweep.pulses[-1] - sweep.pulses[0])
 
     def leak(power, degree):
-        fit = vectors_from_waveform(sweep.time, sweep.wave() + span * part[:, None] ** power, sweep.pulses, drift=degree)
+        fit = vectors_from_waveform(
+            sweep.time, sweep.wave() + span * part[:, None] ** power, sweep.pulses, drift=degree
+        )
         return np.abs(fit.vectors[:, 0] - Z)
 
     np.testing.assert_allclose(leak(1, 0), span / (np.pi * 20), rtol=0.05)
@@ -103,10 +107,15 @@ def test_features_are_those_of_the_vectors():
 
 @pytest.mark.parametrize("change", [0.0, 0.01])
 def test_jeffcott_rotor_integrated_in_time(change, rng):
-    """Equations of motion at a slowly rising speed, a noisy reference channel, coloured noise and drift: the whole chain."""
+    """Equations of motion at a slowly rising speed, a noisy reference channel, coloured noise and drift: the whole
+    chain.
+    """
     mass, stiffness = 0.9686, np.array([56538.0, 51282.0])
     damping = 2 * 0.03 * np.sqrt(stiffness * mass)
-    unbalance, bow = 40e-6 * np.exp(0.4j), 30e-6 * np.exp(-1.0j)  # U [kg m] and bow [m], their angle counted from the pulse
+    unbalance, bow = (
+        40e-6 * np.exp(0.4j),
+        30e-6 * np.exp(-1.0j),
+    )  # U [kg m] and bow [m], their angle counted from the pulse
     sweep = Sweep(60, change=change)
 
     def force(angle, speed):
@@ -114,15 +123,25 @@ def test_jeffcott_rotor_integrated_in_time(change, rng):
         return np.array([turned_u.real, turned_u.imag]) + stiffness * np.array([turned_b.real, turned_b.imag])
 
     def rates(t, state):
-        return np.concatenate([state[2:], (force(sweep.angle(t), sweep.speed(t)) - damping * state[2:] - stiffness * state[:2]) / mass])
+        return np.concatenate(
+            [state[2:], (force(sweep.angle(t), sweep.speed(t)) - damping * state[2:] - stiffness * state[:2]) / mass]
+        )
 
     def steady(speed):
         # Along y the force is -i times that along x: its peak comes a quarter turn later.
-        return np.array([1.0, -1j]) * (unbalance * speed**2 + stiffness * bow) / (stiffness - mass * speed**2 + 1j * damping * speed)
+        return (
+            np.array([1.0, -1j])
+            * (unbalance * speed**2 + stiffness * bow)
+            / (stiffness - mass * speed**2 + 1j * damping * speed)
+        )
 
     start = steady(sweep.speed(0.0)) * np.exp(1j * sweep.angle(0.0))
     state = np.concatenate([start.real, (1j * sweep.speed(0.0) * start).real])
-    motion = solve_ivp(rates, (0.0, sweep.time[-1]), state, t_eval=sweep.time, method="DOP853", rtol=1e-8, atol=1e-12).y[:2].T
+    motion = (
+        solve_ivp(rates, (0.0, sweep.time[-1]), state, t_eval=sweep.time, method="DOP853", rtol=1e-8, atol=1e-12)
+        .y[:2]
+        .T
+    )
     recorded = motion + 1e-6 * coloured(rng, len(sweep.time), 0.8) + 2e-5 * sweep.time[:, None] + 1e-4
     reference = smooth_pulse(sweep.angle(sweep.time)) + 0.02 * rng.standard_normal(len(sweep.time))
     found = features_from_waveform(sweep.time, recorded, pulse_times(sweep.time, reference), pulse_error=0.0)
@@ -143,7 +162,9 @@ def standardised(rng, correlation, *, revolutions, jitter=0.0, draws=150):
     wave, errors, units = sweep.wave(), [], []
     for _ in range(draws):
         pulses = sweep.pulses + jitter * rng.standard_normal(len(sweep.pulses))
-        found = features_from_waveform(sweep.time, wave + 1e-6 * coloured(rng, len(sweep.time), correlation), pulses, pulse_error=0.0)
+        found = features_from_waveform(
+            sweep.time, wave + 1e-6 * coloured(rng, len(sweep.time), correlation), pulses, pulse_error=0.0
+        )
         errors.append(found.features - F)
         units.append(errors[-1] / found.standard_error)
     return np.array(units), np.sqrt(np.mean(np.square(errors)))
@@ -191,7 +212,9 @@ def test_pulse_errors_are_common_to_both_probes(rng):
 
 
 def test_an_error_common_to_all_pulses_must_be_named(rng):
-    """Hard edges at 80 samples per revolution are all late alike: nothing scatters, and by default a sample is allowed for."""
+    """Hard edges at 80 samples per revolution are all late alike: nothing scatters, and by default a sample is allowed
+    for.
+    """
     blind, told = [], []
     for _ in range(150):
         sweep = Sweep(20, before=rng.uniform(0.5, 1.5))
@@ -267,7 +290,9 @@ def test_integers_and_lists_are_taken():
 
 def test_angle_by_pulse_counts():
     """Straight between two pulses, a parabola through three, and no angle outside."""
-    np.testing.assert_allclose(shaft_angle([0.0, 1.0, 1.5, 2.0, 2.1], [1.0, 2.0]), [np.nan, 0.0, np.pi, 2 * np.pi, np.nan])
+    np.testing.assert_allclose(
+        shaft_angle([0.0, 1.0, 1.5, 2.0, 2.1], [1.0, 2.0]), [np.nan, 0.0, np.pi, 2 * np.pi, np.nan]
+    )
     sweep = Sweep(2, change=0.2)
     found = shaft_angle(sweep.time, sweep.pulses)
     inside = np.isfinite(found)
@@ -295,7 +320,9 @@ def test_angle_always_rises(rng):
 def test_a_run_up_has_no_broken_pulses():
     """From 600 to 3000 rpm the period falls fivefold, yet slowly."""
     sweep = Sweep(60, rpm=1800.0, change=4 / 3)
-    assert np.all(np.diff(shaft_angle(sweep.time, sweep.pulses)[np.isfinite(shaft_angle(sweep.time, sweep.pulses))]) > 0.0)
+    assert np.all(
+        np.diff(shaft_angle(sweep.time, sweep.pulses)[np.isfinite(shaft_angle(sweep.time, sweep.pulses))]) > 0.0
+    )
 
 
 # The phase picture
@@ -321,7 +348,10 @@ def test_fold_leaves_empty_bins_open():
     np.testing.assert_allclose(folded.mean[:, 0], [3.0, np.nan, np.nan, np.nan])
     np.testing.assert_allclose(folded.scatter[:, 0], [2.0, np.nan, np.nan, np.nan])
     np.testing.assert_array_equal(folded.samples, [3, 0, 0, 0])
-    with pytest.raises(ValueError, match=r"angle must have shape \(sample,\) and displacement \(sample, probe\); they have \(2,\) and \(3, 1\)"):
+    with pytest.raises(
+        ValueError,
+        match=r"angle must have shape \(sample,\) and displacement \(sample, probe\); they have \(2,\) and \(3, 1\)",
+    ):
         fold([0.0, 1.0], np.zeros((3, 1)))
     with pytest.raises(ValueError, match="at least one bin and one known angle"):
         fold([np.nan], np.zeros((1, 1)))
@@ -334,7 +364,10 @@ def refused(match, *, time=None, wave=None, pulses=None, **settings):
     sweep = Sweep(8)
     with pytest.raises(ValueError, match=match):
         vectors_from_waveform(
-            sweep.time if time is None else time, sweep.wave() if wave is None else wave, sweep.pulses if pulses is None else pulses, **settings
+            sweep.time if time is None else time,
+            sweep.wave() if wave is None else wave,
+            sweep.pulses if pulses is None else pulses,
+            **settings,
         )
 
 
@@ -342,7 +375,10 @@ def test_records_that_do_not_fit_together():
     sweep = Sweep(8)
     broken, early = sweep.wave(), sweep.time.copy()
     broken[100, 1], early[7] = np.nan, early[3]
-    refused(r"displacement must have one row per sample; it has shape \(2, \d+\) beside \d+ times: take both", wave=sweep.wave().T)
+    refused(
+        r"displacement must have one row per sample; it has shape \(2, \d+\) beside \d+ times: take both",
+        wave=sweep.wave().T,
+    )
     refused(r"displacement\[:, None\] for a single probe", wave=sweep.wave()[:, 0])
     refused(r"displacement must be finite; column 1 is not at t = 0.05 s: cut the record", wave=broken)
     refused(r"time must rise; entry 7 = 0.0015 s does not: sort the record", time=early)
@@ -353,9 +389,14 @@ def test_records_that_do_not_fit_together():
 def test_broken_pulses():
     pulses = Sweep(8).pulses
     middle = 0.5 * (pulses[3] + pulses[4])
-    refused(rf"missing pulse at t = {pulses[4]:.6g} s, a revolution lasts 2 times the usual 0.04 s: cut the record", pulses=np.delete(pulses, 4))
+    refused(
+        rf"missing pulse at t = {pulses[4]:.6g} s, a revolution lasts 2 times the usual 0.04 s: cut the record",
+        pulses=np.delete(pulses, 4),
+    )
     refused(rf"missing pulse at t = {pulses[1]:.6g} s", pulses=np.delete(pulses, 1))
-    refused(rf"a double pulse near t = {middle:.6g} s ends a revolution of 0.5 times", pulses=np.insert(pulses, 4, middle))
+    refused(
+        rf"a double pulse near t = {middle:.6g} s ends a revolution of 0.5 times", pulses=np.insert(pulses, 4, middle)
+    )
     refused(r"a double pulse near t = .* of 0.05 times the usual", pulses=np.insert(pulses, 4, pulses[3] + 0.002))
     refused(r"pulses must rise; entry 1 = ", pulses=pulses[::-1])
     refused(r"pulses must rise", pulses=np.repeat(pulses, 2))
@@ -364,7 +405,10 @@ def test_broken_pulses():
 
 def test_records_too_short():
     pulses = Sweep(8).pulses
-    refused(r"at least 2 whole revolutions, 3 pulses; this one holds 2 pulse\(s\) from t = 0 to .*: record longer", pulses=pulses[:2])
+    refused(
+        r"at least 2 whole revolutions, 3 pulses; this one holds 2 pulse\(s\) from t = 0 to .*: record longer",
+        pulses=pulses[:2],
+    )
     refused(r"holds 0 pulse\(s\) .* share one clock", pulses=pulses + 100.0)
     refused(r"pulses must be a list of at least two", pulses=pulses[:1])
 
@@ -389,9 +433,14 @@ def test_orders_that_the_record_cannot_resolve():
 
 def test_features_need_two_probes_at_a_right_angle():
     sweep = Sweep(8)
-    with pytest.raises(ValueError, match=r"two probes, X then Y, of shape \(sample, 2\); this one has shape \(\d+, 1\): choose two columns"):
+    with pytest.raises(
+        ValueError,
+        match=r"two probes, X then Y, of shape \(sample, 2\); this one has shape \(\d+, 1\): choose two columns",
+    ):
         features_from_waveform(sweep.time, sweep.wave()[:, :1], sweep.pulses)
-    with pytest.raises(ValueError, match="second probe 90 degrees on from the first; here it is 270 degrees on: swap the columns"):
+    with pytest.raises(
+        ValueError, match="second probe 90 degrees on from the first; here it is 270 degrees on: swap the columns"
+    ):
         features_from_waveform(sweep.time, sweep.wave(), sweep.pulses, probe_angle_deg=(90.0, 0.0))
     turned = features_from_waveform(sweep.time, sweep.wave(), sweep.pulses, probe_angle_deg=(315.0, 45.0))
     np.testing.assert_allclose(turned.features, F, rtol=1e-10)
@@ -409,5 +458,7 @@ def test_channels_without_pulses(rng):
     ]:
         with pytest.raises(ValueError, match=match):
             pulse_times(time, channel)
-    with pytest.raises(ValueError, match="never crosses the threshold 3, it stays from 0 to 1: give a threshold inside"):
+    with pytest.raises(
+        ValueError, match="never crosses the threshold 3, it stays from 0 to 1: give a threshold inside"
+    ):
         pulse_times(time, one, threshold=3.0)

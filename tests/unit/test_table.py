@@ -79,7 +79,15 @@ def test_notes(tmp_path):
         ("baseline,1500,X,1,1.0,0", ["data.csv:2: 6 cells, the header has 7"]),
         ("baseline,1500,X,1,1.0,0,0.3,9", ["data.csv:2: 8 cells, the header has 7"]),
         (",1500,X,1,1.0,0,0.3", ["column 1 (run): empty"]),
-        ("baselin,1500,X,1,1.0,0,0.3", ["data.csv:2: run 'baselin' is not in", "did you mean 'baseline'?", "[runs.baselin]", "magnitude_g_mm = 0.0"]),
+        (
+            "baselin,1500,X,1,1.0,0,0.3",
+            [
+                "data.csv:2: run 'baselin' is not in",
+                "did you mean 'baseline'?",
+                "[runs.baselin]",
+                "magnitude_g_mm = 0.0",
+            ],
+        ),
     ],
 )
 def test_refused_rows(tmp_path, row, words):
@@ -103,7 +111,9 @@ def test_duplicates(tmp_path):
 
 def test_repeats_give_the_pure_error(tmp_path):
     header = HEADER.replace("sigma_um", "repeat")
-    rows = [f"baseline,1500,{probe},1,{amplitude},0,{k}" for probe in "XY" for k, amplitude in enumerate((10.0, 10.2, 9.8))]
+    rows = [
+        f"baseline,1500,{probe},1,{amplitude},0,{k}" for probe in "XY" for k, amplitude in enumerate((10.0, 10.2, 9.8))
+    ]
     m = read(tmp_path, "\n".join([header, *rows]))
     assert m.noise == "repeats"
     assert m.sigma[0, 0, 0] == pytest.approx(1e-6 * np.sqrt((0.04 + 0.04) * 2 / 8))

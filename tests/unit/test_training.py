@@ -12,7 +12,17 @@ from jax.flatten_util import ravel_pytree
 from rotorjax.diagnosis.compensation import LinearInverse
 from rotorjax.diagnosis.dataset import Dataset, make_dataset, split, with_noise
 from rotorjax.diagnosis.network import Perceptron
-from rotorjax.diagnosis.training import BayesianRegularisation, Epoch, OptaxL2, Scaled, Whitened, nguyen_widrow, normal_equations, rms_errors, train
+from rotorjax.diagnosis.training import (
+    BayesianRegularisation,
+    Epoch,
+    OptaxL2,
+    Scaled,
+    Whitened,
+    nguyen_widrow,
+    normal_equations,
+    rms_errors,
+    train,
+)
 from rotorjax.paper.printed import printed
 
 SPEED_RPM, COUNT = 1500.0, 10_000
@@ -84,7 +94,11 @@ def test_normal_equations_are_those_of_the_jacobian(rng, features, hidden, targe
 
 
 def test_normal_equations_compiled_are_eager(rng):
-    net, x, target = perceptron(rng, 3, 4, 2), jnp.asarray(rng.standard_normal((9, 3))), jnp.asarray(rng.standard_normal((9, 2)))
+    net, x, target = (
+        perceptron(rng, 3, 4, 2),
+        jnp.asarray(rng.standard_normal((9, 3))),
+        jnp.asarray(rng.standard_normal((9, 2))),
+    )
     compiled = normal_equations(net, x, target)
     with jax.disable_jit():
         eager = normal_equations(net, x, target)
@@ -100,7 +114,9 @@ def test_nguyen_widrow_rows_have_their_length_and_biases_are_spread(features, hi
     net = nguyen_widrow(jax.random.key(3), features, hidden, 4)
     length = 0.7 * hidden ** (1.0 / features)
     np.testing.assert_allclose(np.linalg.norm(net.weight_in, axis=1), length, rtol=1e-14)
-    np.testing.assert_allclose(np.sort(np.abs(net.bias_in)), np.sort(np.abs(length * np.linspace(-1.0, 1.0, hidden))), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sort(np.abs(net.bias_in)), np.sort(np.abs(length * np.linspace(-1.0, 1.0, hidden))), rtol=1e-12
+    )
     assert float(jnp.max(jnp.abs(net.weight_out))) <= 1.0
     assert float(jnp.max(jnp.abs(net.bias_out))) <= 1.0
     assert net.size == hidden * (features + 1) + 4 * (hidden + 1)
@@ -153,7 +169,9 @@ def cost(weights: Epoch, evidence: Epoch) -> float:
 def test_published_training_keeps_its_history_and_tells_its_progress(paper_data):
     told: list[tuple[int, float]] = []
     method = BayesianRegularisation(epochs=4)
-    training = train(paper_data[1].train, key=jax.random.key(0), method=method, progress=lambda epoch, rms: told.append((epoch, rms)))
+    training = train(
+        paper_data[1].train, key=jax.random.key(0), method=method, progress=lambda epoch, rms: told.append((epoch, rms))
+    )
     assert training.stopped == "all 4 steps were made"
     assert told == [(k + 1, epoch.rms) for k, epoch in enumerate(training.history)]
     assert len(told) == 4
@@ -177,7 +195,12 @@ def test_default_stops_with_a_reason_and_returns_the_papers_network(default):
     assert default.stopped == f"the error reached its target of 1e-08 after {steps} steps"
     assert steps <= 5
     p = default.network.perceptron
-    assert [leaf.shape for leaf in (p.weight_in, p.bias_in, p.weight_out, p.bias_out)] == [(40, 4), (40,), (4, 40), (4,)]
+    assert [leaf.shape for leaf in (p.weight_in, p.bias_in, p.weight_out, p.bias_out)] == [
+        (40, 4),
+        (40,),
+        (4, 40),
+        (4,),
+    ]
     assert all(leaf.dtype == jnp.float64 for leaf in jax.tree.leaves(default.network))
 
 
@@ -248,7 +271,13 @@ def test_evidence_steps_of_the_default_lower_the_error_and_end_without_progress(
 
 def test_optax_lowers_the_error(small):
     told = []
-    training = train(small, key=jax.random.key(0), method=OptaxL2(steps=200), hidden=10, progress=lambda epoch, rms: told.append(epoch))
+    training = train(
+        small,
+        key=jax.random.key(0),
+        method=OptaxL2(steps=200),
+        hidden=10,
+        progress=lambda epoch, rms: told.append(epoch),
+    )
     assert training.stopped == "all 200 steps were made"
     assert told == [100, 200]
     assert len(training.history) == 2
@@ -263,7 +292,12 @@ def test_optax_lowers_the_error(small):
 
 
 def test_single_precision_is_refused(small):
-    with jax.enable_x64(False), pytest.raises(ValueError, match=r'training needs double precision: jax\.config\.update\("jax_enable_x64", True\)'):
+    with (
+        jax.enable_x64(False),
+        pytest.raises(
+            ValueError, match=r'training needs double precision: jax\.config\.update\("jax_enable_x64", True\)'
+        ),
+    ):
         train(small, key=jax.random.key(0))
 
 
@@ -286,7 +320,11 @@ def test_numbers_that_are_not_finite_are_refused(small, part, bad):
 
 def test_too_few_cases_are_refused(small):
     few = Dataset(small.features[:90], small.faults[:90])
-    with pytest.raises(ValueError, match=r"90 cases hold no more numbers than the network has weights \(364\): draw more cases, or take fewer neurons"):
+    with pytest.raises(
+        ValueError,
+        match=r"90 cases hold no more numbers than the network has weights \(364\): draw more cases, or take fewer "
+        r"neurons",
+    ):
         train(few, key=jax.random.key(0))
     assert train(few, key=jax.random.key(0), hidden=10).network.perceptron.size == 94
 
@@ -294,5 +332,8 @@ def test_too_few_cases_are_refused(small):
 def test_dependent_features_are_refused(small):
     features = np.array(small.features)
     features[:, 3] = features[:, 0] - 2.0 * features[:, 1]
-    with pytest.raises(ValueError, match="some features are linear combinations of others: the cases do not show all faults; draw them anew"):
+    with pytest.raises(
+        ValueError,
+        match="some features are linear combinations of others: the cases do not show all faults; draw them anew",
+    ):
         train(small._replace(features=features), key=jax.random.key(0))

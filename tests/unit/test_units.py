@@ -10,7 +10,12 @@ from rotorjax.units import unit_of
 
 @pytest.mark.parametrize(
     ("name", "si", "shown", "factor"),
-    [("unbalance_x_kg_m", "kg m", "g mm", 1e-6), ("angle_rad", "rad", "deg", np.pi / 180), ("cubic_n_per_m3", "N/m³", "N/m³", 1.0), ("error_x", "1", "1", 1.0)],
+    [
+        ("unbalance_x_kg_m", "kg m", "g mm", 1e-6),
+        ("angle_rad", "rad", "deg", np.pi / 180),
+        ("cubic_n_per_m3", "N/m³", "N/m³", 1.0),
+        ("error_x", "1", "1", 1.0),
+    ],
 )
 def test_units(name, si, shown, factor):
     assert unit_of(name) == (si, shown, pytest.approx(factor))

@@ -1,0 +1,123 @@
+"""The command line. The only place that prints or sets JAX's global options."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+from rotorjax.cli import commands
+from rotorjax.cli.progress import INTERRUPTED
+from rotorjax.errors import InputError
+
+BAD_INPUT = 2
+MOST_PROBLEMS = 20
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command. **Returns** the exit status: 0 done, 2 bad input."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    try:
+        options.command(options)
+    except InputError as error:
+        print("\n".join(f"rotorjax: {problem}" for problem in error.problems[:MOST_PROBLEMS]), file=sys.stderr)
+        if len(error.problems) > MOST_PROBLEMS:
+            print(f"rotorjax: and {len(error.problems) - MOST_PROBLEMS} more problems", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("rotorjax: stopped", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        commands.leave_output()
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="rotorjax", description="Hold a rotor model against vibration measurements and find what it lacks."
+    )
+    parser.add_argument("--version", action="version", version=f"rotorjax {version('rotorjax')}")
+    subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[argparse.Namespace], None], what: str) -> argparse.ArgumentParser:
+        sub = subparsers.add_parser(name, help=what, description=what)
+        sub.set_defaults(command=run)
+        return sub
+
+    _compare(
+        command(
+            "compare", commands.compare, "where a model fails against a measurement; add effects, see the error fall"
+        )
+    )
+    _explain(
+        command(
+            "explain", commands.explain, "which effect is missing, how sure, what ties with it, what to measure next"
+        )
+    )
+    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with standard errors"))
+    _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
+    sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
+    sub.add_argument("name", nargs="?", metavar="NAME", help="an effect of the catalogue; all of them by default")
+    sub = command("paper", commands.paper, "every table and figure of Huang et al. 2026 (Sensors 26:2565), recomputed")
+    what = "folder to write to (default: paper_tables)"
+    sub.add_argument("--output", type=Path, default=Path("paper_tables"), metavar="DIR", help=what)
+    sub = command("example", commands.example, "write a table, a rig file and what to type: a start for your own data")
+    sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write to, made if it does not exist")
+    return parser
+
+
+def _compare(sub: argparse.ArgumentParser) -> None:
+    _inputs(sub)
+    _effect_option(sub, "add this effect and fit what is not given")
+    _outputs(sub, "write the fitted model as a rig file")
+
+
+def _explain(sub: argparse.ArgumentParser) -> None:
+    _inputs(sub)
+    sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
+    sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
+    sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
+    _outputs(sub, "write the explained model as a rig file")
+
+
+def _diagnose(sub: argparse.ArgumentParser) -> None:
+    _inputs(sub)
+    what = "run whose installed faults are known, what else it shows is inherent; may be repeated"
+    sub.add_argument("--reference", action="append", default=[], metavar="RUN", help=what)
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+
+
+def _simulate(sub: argparse.ArgumentParser) -> None:
+    _rig(sub)
+    what = sub.add_mutually_exclusive_group(required=True)
+    what.add_argument("--like", type=Path, metavar="DATA.csv", help="the runs, speeds, probes and orders of this table")
+    what.add_argument("--speeds", metavar="LOW:HIGH:COUNT", help="every run of the rig file at these speeds, in rpm")
+    sub.add_argument("--orders", metavar="1,2", help="orders, with --speeds (default: 1)")
+    _effect_option(sub, "add this effect")
+    noise = "standard error of real and of imaginary part, in µm (default: 0)"
+    sub.add_argument("--noise-um", type=float, default=0.0, metavar="SIGMA", help=noise)
+    sub.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the noise (default: 0)")
+    sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv", help="table to write")
+
+
+def _inputs(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("data", type=Path, metavar="DATA.csv", help="measurement table")
+    _rig(sub)
+
+
+def _rig(sub: argparse.ArgumentParser) -> None:
+    what = "rig file: rotor, probes, what was installed in each run"
+    sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml", help=what)
+
+
+def _outputs(sub: argparse.ArgumentParser, rig: str) -> None:
+    sub.add_argument("--write-rig", type=Path, metavar="NEW.toml", help=rig)
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON")
+    sub.add_argument("--report", type=Path, metavar="FILE.html", help="write a report with pictures, one file")
+
+
+def _effect_option(sub: argparse.ArgumentParser, what: str) -> None:
+    sub.add_argument(
+        "--effect", action="append", default=[], metavar="NAME[:PARAMETER=VALUE,...]", help=f"{what}; may be repeated"
+    )

@@ -1,0 +1,7 @@
+"""`python -m rotorjax.cli`."""
+
+import sys
+
+from rotorjax.cli import main
+
+sys.exit(main())

@@ -1,0 +1,98 @@
+"""What the arguments of a command mean, checked before anything is computed."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from rotorjax.errors import InputError
+
+if TYPE_CHECKING:
+    from rotorjax.model.contract import Effect
+    from rotorjax.model.model import Model
+
+
+def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], frozenset[str]]":
+    """Effects from ``NAME:PARAMETER=VALUE,...`` as the command line gives them, and the keys of the values given."""
+    from rotorjax.data.rig import effect_from_labels
+    from rotorjax.data.section import nearest
+    from rotorjax.effects.terms import NAMED
+
+    effects, fixed, problems = [], set(), []
+    for text in texts:
+        name, _, assignments = text.partition(":")
+        if name in {effect.name for effect in effects}:
+            problems.append(f"--effect {text}: {name} is there already; give all its values in one --effect")
+            continue
+        if name not in NAMED:
+            problems.append(f"--effect {text}: unknown effect {name!r}; {nearest(name, NAMED)}")
+            continue
+        labels = [label for p in NAMED[name].parameters() for label in p.labels(model.layout)]
+        given: dict[str, float] = {}
+        for assignment in filter(None, assignments.split(",")):
+            parameter, _, value = assignment.partition("=")
+            matching = [label for label in labels if label == parameter or label.startswith(f"{parameter}.")]
+            if set(matching) & set(given):
+                problems.append(f"--effect {text}: {parameter} is given twice; keep one value")
+            if not matching:
+                problems.append(f"--effect {text}: {name} has no parameter {parameter!r}; {nearest(parameter, labels)}")
+            try:
+                number = float(value)
+                if not abs(number) < float("inf"):
+                    raise ValueError(value)
+            except ValueError:
+                problems.append(f"--effect {text}: {value!r} is not a finite number; write {parameter}=1.5")
+                continue
+            given.update(dict.fromkeys(matching, number))
+        fixed |= {f"{name}.{label}" for label in given}
+        effects.append(effect_from_labels(NAMED[name], model.layout, _beyond(model, name, given)))
+    if problems:
+        raise InputError(*problems)
+    return effects, frozenset(fixed)
+
+
+def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, float]:
+    """Values given less those that the model has already: what is added makes up the value given."""
+    present = model.find(name)
+    if present is None:
+        return given
+    labels = [label for p in present.parameters() for label in p.labels(model.layout)]
+    has = dict(zip(labels, (float(v) for value in present.values() for v in value.ravel()), strict=True))
+    return {label: value - has[label] for label, value in given.items()}
+
+
+def effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
+    """Names of effects, separated by commas, all known."""
+    if text is None:
+        return None
+    from rotorjax.data.section import nearest
+    from rotorjax.effects import CATALOG
+
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if unknown := [name for name in names if name not in CATALOG]:
+        raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest(name, CATALOG)}" for name in unknown))
+    return names
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Refuse outputs that would overwrite an input or one another, or cannot be written, before
+    anything is computed.
+    """
+    read = {
+        path.resolve(): f"{path} is read"
+        for path in (getattr(options, n, None) for n in ("data", "rig", "like"))
+        if path
+    }
+    problems = []
+    for name in ("json", "report", "write_rig", "output"):
+        path = getattr(options, name, None)
+        if path is None:
+            continue
+        flag = "--" + name.replace("_", "-")
+        if path.resolve() in read:
+            problems.append(f"{flag} {path}: {read[path.resolve()]} by the same command; choose another file")
+        elif path.is_dir() or not path.name:
+            problems.append(f"{flag} {path}: is a folder; name a file")
+        elif not path.parent.is_dir():
+            problems.append(f"{flag} {path}: cannot be written, the folder {path.parent} does not exist; make it first")
+        read.setdefault(path.resolve(), f"{path} is written")
+    if problems:
+        raise InputError(*problems)

@@ -1,0 +1,251 @@
+"""One function for each command."""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects
+from rotorjax.cli.progress import progress_line
+from rotorjax.errors import InputError
+
+if TYPE_CHECKING:
+    from rotorjax.data.measurement import Measurement
+    from rotorjax.data.rig import Rig
+    from rotorjax.discovery.explain import Explanation
+    from rotorjax.discovery.story import Story
+    from rotorjax.model.model import Model
+
+
+def compare(options: argparse.Namespace) -> None:
+    """The model against a measurement, effects added one after the other."""
+    check_outputs(options)
+    use_double_precision()
+    from rotorjax.discovery.story import tell
+    from rotorjax.reporting.comparison import comparison_json, comparison_text
+
+    rig, measurement = _read(options)
+    additions, fixed = parse_effects(options.effect, rig.model.with_orders(measurement.orders))
+    declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
+    if already := [effect.name for effect in additions if effect.name in declared]:
+        raise InputError(
+            f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; "
+            "leave it out"
+        )
+    story = tell(rig.model, measurement, additions, fixed=fixed)
+    _say(comparison_text(story))
+    _write_outputs(
+        options,
+        rig,
+        story.final_model,
+        comparison_json(story),
+        story,
+        f"{options.data.name} against {options.rig.name}",
+    )
+
+
+def _write_outputs(
+    options: argparse.Namespace,
+    rig: "Rig",
+    model: "Model",
+    content: dict[str, Any],
+    result: "Story | Explanation",
+    title: str,
+) -> None:
+    """The files that a comparison or an explanation was asked for."""
+    if options.write_rig:
+        rig.write(options.write_rig, model)
+    if options.json:
+        _write_json(options.json, content)
+    if options.report:
+        result.report(options.report, rig, title=title)
+        print(f"\nReport: {options.report}")
+
+
+def explain(options: argparse.Namespace) -> None:
+    """What is missing."""
+    check_outputs(options)
+    if options.max_effects < 0:
+        raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
+    only, exclude = (
+        effect_names(flag, text) for flag, text in (("--only", options.only), ("--exclude", options.exclude))
+    )
+    with progress_line() as progress:
+        progress(f"reading {options.data}")
+        use_double_precision()
+        from rotorjax.discovery.explain import explain
+        from rotorjax.reporting.explanation import explanation_text
+        from rotorjax.reporting.explanation_json import explanation_json
+
+        rig, measurement = _read(options)
+        declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
+        if held := [name for name in only or () if name in rig.model or name in declared]:
+            how = (
+                "declares it uncertain, so that it is estimated along in any case"
+                if held[0] in declared
+                else "has it in [effects] already"
+            )
+            raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
+        found = explain(
+            rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress
+        )
+    _say(explanation_text(found, rig))
+    _write_outputs(
+        options,
+        rig,
+        found.model,
+        explanation_json(found, rig),
+        found,
+        f"{options.data.name}: what {options.rig.name} lacks",
+    )
+
+
+def diagnose(options: argparse.Namespace) -> None:
+    """Unbalance and bow of every run."""
+    check_outputs(options)
+    use_double_precision()
+    from rotorjax.diagnosis.inverse import diagnose
+    from rotorjax.reporting.diagnosis import diagnosis_json, diagnosis_text
+
+    rig, measurement = _read(options)
+    try:
+        diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
+    except ValueError as error:
+        raise InputError(f"{options.data}: {error}") from error
+    _say(diagnosis_text(diagnosis, rig, measurement))
+    if options.json:
+        _write_json(options.json, diagnosis_json(diagnosis, rig, measurement))
+
+
+def simulate(options: argparse.Namespace) -> None:
+    """A measurement table from a model."""
+    check_outputs(options)
+    if options.like and options.orders:
+        raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
+    use_double_precision()
+    from rotorjax.data.rig import read_measurement, read_rig
+    from rotorjax.data.simulate import noisy, plan_like, plan_speeds
+    from rotorjax.physics.stability import steadiness
+    from rotorjax.reporting.comparison import objections
+
+    rig = read_rig(options.rig)
+    if not 0.0 <= options.noise_um < float("inf"):
+        raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
+    plan = (
+        plan_like(read_measurement(options.like, rig))
+        if options.like
+        else plan_speeds(rig, options.speeds, options.orders or "1")
+    )
+    model = rig.model.with_orders(plan.orders)
+    additions, given = parse_effects(options.effect, model)
+    for effect in additions:
+        if not any(key.startswith(f"{effect.name}.") for key in given):
+            raise InputError(
+                f"--effect {effect.name}: give its values, like {effect.name}:{effect.parameters()[0].name}=1.0"
+            )
+    full = model.plus(additions)
+    made = noisy(full, plan, noise_um=options.noise_um, seed=options.seed)
+    rig.write_measurement(options.output, made)
+    print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
+    for line in (*objections(full), *steadiness(full, plan.conditions)):
+        print(line)
+
+
+def effects(options: argparse.Namespace) -> None:
+    """The catalogue, or one page of it."""
+    from importlib.resources import files
+
+    from rotorjax.reporting.tables import Table
+
+    catalogue = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
+    if options.name is None:
+        rows = [
+            [effect["family"], name, effect["meaning"]]
+            for name, effect in catalogue.items()
+            if not name.startswith("term_")
+        ]
+        note = (
+            "\n`rotorjax effects NAME` shows its equation, parameters, prior scales and source.\nSimple terms of a "
+            "missing force, along one axis: "
+        )
+        note += ", ".join(name for name in catalogue if name.startswith("term_")) + "."
+        print(Table("", ["family", "effect", "what it is"], rows, note).text())
+    elif options.name in catalogue:
+        print(catalogue[options.name]["page"])
+    else:
+        from rotorjax.data.section import nearest
+
+        raise InputError(f"unknown effect {options.name!r}; {nearest(options.name, catalogue)}")
+
+
+def paper(options: argparse.Namespace) -> None:
+    """Tables and figures of the paper, recomputed."""
+    use_double_precision()
+    from rotorjax.paper.pages import prepare, reproduce
+    from rotorjax.paper.study import Study
+
+    prepare(options.output)
+    print(
+        reproduce(Study(progress=lambda line: print(f"{line} ...", file=sys.stderr)), options.output),
+        f"\nWritten to {options.output}: begin with README.md.",
+        sep="\n",
+    )
+
+
+def example(options: argparse.Namespace) -> None:
+    """A table, a rig file and what to type."""
+    from rotorjax.data.example import write_example
+
+    print(write_example(options.folder))
+
+
+def use_double_precision() -> None:
+    """Double precision, and compiled programs kept for the next process."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
+        jax.config.update("jax_compilation_cache_dir", cache)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def _cache_folder() -> str | None:
+    """A folder of the user's for compiled programs; none where it cannot be made."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return str(folder)
+
+
+def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
+    from rotorjax.data.rig import read_rig
+    from rotorjax.data.table import read_table
+
+    rig = read_rig(options.rig)
+    table = read_table(options.data, probes=rig.model.layout.probes)
+    for note in table.notes:
+        print(f"rotorjax: note: {note}", file=sys.stderr)
+    return rig, rig.measurement(table, options.data)
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    from rotorjax.data.files import write_whole
+
+    write_whole(path, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def _say(text: str) -> None:
+    """Print; that the reader of a pipe has seen enough does not cost the files asked for."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        leave_output()
+
+
+def leave_output() -> None:
+    """Nobody reads standard output any more; Python would complain once more when it closes it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,83 @@
+"""What is being done and for how long, on standard error; Ctrl-C ends at once."""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    pass
+
+INTERRUPTED = 130
+TICK_S = 1.0
+
+
+@contextlib.contextmanager
+def progress_line() -> Iterator[Callable[[str], None]]:
+    """Says on standard error what is being done and for how long: on a terminal in place, gone at the end, elsewhere a
+    line for every stage.
+
+    While it lasts Ctrl-C ends the process at once, in the midst of a compilation too.
+    """
+    began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
+
+    def show(line: str) -> None:
+        elapsed = f"{time.monotonic() - began:4.0f} s"
+        print(
+            f"\r\x1b[K{elapsed}  {line} ..." if terminal else f"{elapsed}  {line}",
+            end="" if terminal else "\n",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    def progress(line: str) -> None:
+        stage[0] = line
+        show(line)
+
+    def tick() -> None:
+        while not over.wait(TICK_S):
+            show(stage[0])
+
+    if terminal:
+        threading.Thread(target=tick, daemon=True).start()
+    try:
+        with _interruptible():
+            yield progress
+    finally:
+        over.set()
+        if terminal:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile, so that
+    nothing is lost.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    woken, waker = socket.socketpair()
+    waker.setblocking(False)
+    before = signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while number := woken.recv(1):
+            if number[0] == signal.SIGINT:
+                print("\nrotorjax: stopped", file=sys.stderr, flush=True)
+                os._exit(INTERRUPTED)
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        waker.close()
+        waiting.join()
+        woken.close()

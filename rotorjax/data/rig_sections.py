@@ -1,0 +1,312 @@
+"""The sections of a rig file, each read and checked."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from rotorjax.data.measurement import Installed, Limits, Row, Uncertain
+from rotorjax.data.section import Document, Section, nearest
+from rotorjax.model.conditions import Layout
+from rotorjax.model.contract import Effect
+from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
+
+_GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Convention:
+    """How amplitudes, phases and angles are written in a user's files; everything inside is peak, lead, SI."""
+
+    amplitude: Literal["peak", "peak-to-peak"] = "peak"
+    phase: Literal["lead", "lag"] = "lead"
+    weight_angles: Literal["with-rotation", "against-rotation"] = "with-rotation"
+
+    def to_internal(self, row: Row) -> Row:
+        """A row of the table as zero-to-peak amplitude and leading phase."""
+        return self._convert(row, 0.5 if self.amplitude == "peak-to-peak" else 1.0)
+
+    def to_table(self, row: Row) -> Row:
+        """The inverse of `to_internal`."""
+        return self._convert(row, 2.0 if self.amplitude == "peak-to-peak" else 1.0)
+
+    def _convert(self, row: Row, factor: float) -> Row:
+        sign = -1.0 if self.phase == "lag" else 1.0
+        sigma = None if row.sigma_um is None else row.sigma_um * factor
+        return row._replace(amplitude_um=row.amplitude_um * factor, phase_deg=sign * row.phase_deg, sigma_um=sigma)
+
+    def vector(self, magnitude: float, angle_deg: float) -> np.ndarray:
+        """(x, y) pair of a weight or bow: angles count from +x, with or against the rotation."""
+        angle = DEGREE * angle_deg * (-1.0 if self.weight_angles == "against-rotation" else 1.0)
+        return magnitude * np.array([math.cos(angle), math.sin(angle)])
+
+    def angle_deg(self, pair: np.ndarray) -> float:
+        """Angle of an (x, y) pair as the user counts it."""
+        angle = math.degrees(math.atan2(pair[1], pair[0]))
+        return -angle if self.weight_angles == "against-rotation" else angle
+
+
+class Plane(NamedTuple):
+    """A balancing plane."""
+
+    participation: float = 1.0
+    """Mode shape there, relative to the disk."""
+    radius_m: float | None = None
+    """Where correction masses sit."""
+    holes: int | None = None
+    """Evenly spaced, the first of them at `first_hole_deg`."""
+    first_hole_deg: float = 0.0
+
+
+def rotor_of(document: Document, rotation: str) -> dict[str, Any]:
+    """What the model's rotor is made of; nothing where the section is missing."""
+    section = document.section("rotor")
+    if not section.data:
+        document.report(("rotor",), "section is missing; give mass_kg, stiffness_n_per_m and damping_ratio")
+        return {}
+    values = {
+        "mass": section.number("mass_kg", above=0.0),
+        "stiffness": section.pair("stiffness_n_per_m", above=0.0),
+        "damping_ratio": section.pair("damping_ratio", least=0.0),
+        "gravity": _gravity(section),
+        "rotation": rotation,
+        "bow_through_damping": section.flag("bow_through_damping"),
+    }
+    section.close()
+    return values
+
+
+def _gravity(section: Section) -> tuple[float, float]:
+    value = section.raw("gravity", "none")
+    if value == "none":
+        return 0.0, 0.0
+    if isinstance(value, str) and value in _GRAVITY_ANGLES:
+        angle = _GRAVITY_ANGLES[value]
+    elif isinstance(value, dict):
+        table = section.table("gravity")
+        angle = table.number("angle_deg")
+        table.close()
+    else:
+        section.problem("gravity", f'{value!r} is not a direction; write "none", "-y", "+x" or {{ angle_deg = -90.0 }}')
+        return 0.0, 0.0
+    return GRAVITY * math.cos(DEGREE * angle), GRAVITY * math.sin(DEGREE * angle)
+
+
+def probes_of(document: Document) -> dict[str, tuple[float, float, float]]:
+    """Probe name -> angle [rad], participation, one if it reads against the foundation."""
+    section = document.section("probes")
+    probes = {}
+    for name, table in section.tables():
+        if set(name) & set(".,:="):
+            document.report(("probes", name), "a probe's name must not hold any of . , : = (they separate parameters)")
+        angle = DEGREE * table.number("angle_deg")
+        participation = table.number("participation", 1.0)
+        reference = table.choice("reference", ("ground", "foundation"))
+        table.close()
+        if participation == 0.0:
+            table.problem("participation", "must not be zero: the probe would read nothing")
+        probes[name] = angle, participation, float(reference == "foundation")
+    if not probes:
+        document.report(("probes",), "section is missing; give each probe a direction: X = { angle_deg = 0.0 }")
+    return probes
+
+
+def planes_of(document: Document) -> dict[str, Plane]:
+    """The balancing planes; one on the disk where none is declared."""
+    section = document.section("planes")
+    planes = {}
+    for name, table in section.tables():
+        radius = table.number("radius_mm", above=0.0) * MILLIMETRE if "radius_mm" in table else None
+        planes[name] = Plane(
+            table.number("participation", 1.0), radius, _holes(table), table.number("first_hole_deg", 0.0)
+        )
+        table.close()
+    return planes or {"disk": Plane()}
+
+
+def _holes(table: Section) -> int | None:
+    """How many holes a plane has for correction masses."""
+    if "holes" not in table:
+        return None
+    count = table.number("holes", least=3.0)
+    if math.isfinite(count) and count != int(count):
+        table.problem("holes", "must be a whole number of evenly spaced holes")
+    return int(count) if math.isfinite(count) else None
+
+
+def slow_roll_of(section: Section) -> float | None:
+    """Speed [rad/s] of the slow-roll vectors that were subtracted; none where they were not."""
+    subtracted = section.flag("slow_roll_subtracted")
+    speed = section.number("slow_roll_rpm", 250.0, above=0.0)
+    return speed * RPM if subtracted else None
+
+
+def runs_of(document: Document, planes: dict[str, float], convention: Convention) -> dict[str, Installed]:
+    """What was installed in every run: unbalance by plane, and bow."""
+    runs = {}
+    for name, table in document.section("runs").tables():
+        unbalance = np.zeros((len(planes), 2))
+        entries = table.raw("unbalance", [])
+        for entry in entries if isinstance(entries, list) else [entries]:
+            weight = Section(document, (*table.path, "unbalance"), entry)
+            plane = weight.raw("plane", next(iter(planes)))
+            if "plane" not in weight and len(planes) > 1:
+                weight.problem("plane", f"is missing; say which of {', '.join(planes)}")
+            elif plane not in planes:
+                weight.problem("plane", f"unknown plane {plane!r}; {nearest(str(plane), planes)}")
+                plane = next(iter(planes))
+            pair = convention.vector(
+                weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE, weight.number("angle_deg", 0.0)
+            )
+            unbalance[list(planes).index(plane)] += pair
+            weight.close()
+        bow = np.zeros(2)
+        if "bow" in table:
+            bent = table.table("bow")
+            bow = convention.vector(bent.number("magnitude_mm", least=0.0) * 1e-3, bent.number("angle_deg", 0.0))
+            bent.close()
+        table.raw("note")
+        table.close()
+        runs[name] = Installed(unbalance, bow)
+    return runs
+
+
+def form_of(document: Document) -> tuple[float, Literal["auto", "none"]]:
+    """Tolerance of the model's form, and whether runs may scatter."""
+    section = document.section("model")
+    tolerance = section.number("tolerance", 0.0, least=0.0)
+    scatter = section.choice("run_scatter", ("auto", "none"))
+    section.close()
+    return tolerance, scatter  # type: ignore[return-value]
+
+
+# Key of [uncertainty] -> effect, parameter along x and y (or the only one), logarithmic, SI value of one unit.
+_UNCERTAIN_PAIRS = {
+    "stiffness": ("stiffness_error", "error_{}", True),
+    "damping_ratio": ("damping_error", "log_ratio_{}", False),
+}
+
+
+_UNCERTAIN_PROBES = {
+    "probe_gain": ("probe_gain", "gain", True, 1.0),
+    "probe_angle_deg": ("probe_angle", "angle_rad", False, DEGREE),
+}
+
+
+def uncertainty_of(document: Document, probes: tuple[str, ...]) -> dict[str, Any]:
+    """What is estimated along, with its standard deviation, as arguments of `Knowledge`."""
+    section = document.section("uncertainty")
+    uncertain: list[Uncertain] = []
+    for key, (effect, label, logarithmic) in _UNCERTAIN_PAIRS.items():
+        value = section.raw(key, 0.0)
+        common = value.get("common") if isinstance(value, dict) else None
+        if common is not None:
+            table = section.table(key)
+            deviations = dict.fromkeys("xy", table.number("common", least=0.0))
+            table.close()
+        else:
+            deviations = dict(zip("xy", section.pair(key, least=0.0), strict=True)) if key in section else {}
+        for axis, deviation in deviations.items():
+            group = key if common is not None else f"{key}.{axis}"
+            uncertain.append(Uncertain(effect, label.format(axis), deviation, logarithmic, group))
+    uncertain.append(Uncertain("mass_error", "error", section.number("mass", 0.0, least=0.0), True, "mass"))
+    for key, (effect, label, logarithmic, unit) in _UNCERTAIN_PROBES.items():
+        deviation = unit * section.number(key, 0.0, least=0.0)
+        uncertain += [
+            Uncertain(effect, f"{label}.{probe}", deviation, logarithmic, f"{key}.{probe}") for probe in probes
+        ]
+    values = {
+        "uncertain": tuple(u for u in uncertain if u.deviation > 0.0),
+        "installed_unbalance": section.number("installed_unbalance", 0.0, least=0.0),
+        "installed_angle_rad": DEGREE * section.number("installed_angle_deg", 0.0, least=0.0),
+        "installed_bow": section.number("installed_bow", 0.0, least=0.0),
+    }
+    section.close()
+    return values
+
+
+def limits_of(document: Document) -> Limits:
+    """What a next measurement may ask for."""
+    section = document.section("limits")
+    speeds = section.raw("speed_rpm")
+    pair = None
+    if speeds is not None:
+        if isinstance(speeds, list) and len(speeds) == 2:
+            low, high = (section.checked("speed_rpm", speed, above=0.0) for speed in speeds)
+            pair = low, high
+            if low >= high:
+                section.problem("speed_rpm", "must rise; write [lowest, highest]")
+        else:
+            section.problem("speed_rpm", f"must be [lowest, highest], not {speeds!r}")
+    amplitude = section.number("amplitude_um", above=0.0) if "amplitude_um" in section else None
+    weight = section.number("trial_weight_g_mm", above=0.0) if "trial_weight_g_mm" in section else None
+    section.asked |= {"amplitude_um", "trial_weight_g_mm"}
+    section.close()
+    return Limits(pair, amplitude, weight)
+
+
+def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[str, dict[str, float]]:
+    """Prior scales by effect and parameter."""
+    priors = {}
+    for name, table in document.section("prior").tables():
+        if name not in catalog:
+            document.report(("prior", name), f"unknown effect; {nearest(name, catalog)}")
+            continue
+        declared = [p.name for p in catalog[name].parameters()]
+        priors[name] = {key: table.number(key, above=0.0) for key in declared if key in table}
+        table.asked |= set(declared)
+        table.close()
+    return priors
+
+
+def effects_of(
+    document: Document, layout: Layout, catalog: Mapping[str, type[Effect]]
+) -> list[tuple[type[Effect], dict[str, float], tuple[float, ...]]]:
+    """Class, values by label and orders named of every section [effects.NAME]."""
+    declared = []
+    for name, table in document.section("effects").tables():
+        if name not in catalog:
+            document.report(("effects", name), f"unknown effect; {nearest(name, catalog)}")
+            continue
+        orders = _orders_named(catalog[name], table.data)
+        known = layout._replace(orders=orders or layout.orders)
+        given = _flat(table, {label for p in catalog[name].parameters() for label in p.labels(known)})
+        declared.append((catalog[name], given, orders))
+    return declared
+
+
+def _orders_named(cls: type[Effect], data: dict[str, Any]) -> tuple[float, ...]:
+    """Orders like '2X' that a table of a parameter per probe and order mentions."""
+    orders = set()
+    for declared in cls.parameters():
+        if "order" in declared.axes and isinstance(per_probe := data.get(declared.name), dict):
+            for per_order in per_probe.values():
+                if isinstance(per_order, dict):
+                    orders |= {
+                        float(key[:-1])
+                        for key in per_order
+                        if key.endswith("X") and key[:-1].replace(".", "", 1).isdigit()
+                    }
+    return tuple(sorted(orders))
+
+
+def _flat(table: Section, labels: set[str]) -> dict[str, float]:
+    """Nested tables of an effect as label -> value: angle_rad = { X = 0.1 } becomes angle_rad.X."""
+    given: dict[str, float] = {}
+
+    def descend(value: Any, label: str) -> None:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                descend(inner, f"{label}.{key}")
+            return
+        matching = [known for known in labels if known == label or known.startswith(f"{label}.")]
+        if not matching:
+            table.problem(label, f"unknown parameter; {nearest(label, labels)}")
+        number = table.checked(label, value)
+        given.update(dict.fromkeys(matching, number))
+
+    for key in table.data:
+        descend(table.data[key], key)
+    return given
