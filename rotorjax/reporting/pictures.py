@@ -1,24 +1,21 @@
 """The pictures of a comparison: which views to draw, from which runs; the drawing itself is in `plots`."""
 
 import numpy as np
-from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rotorjax.data.measurement import Measurement
+from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.story import Story
-from rotorjax.model.conditions import Conditions
-from rotorjax.model.model import Model
-from rotorjax.physics.response import response
 from rotorjax.reporting import plots
 from rotorjax.reporting.comparison import step_labels, steps
+from rotorjax.reporting.curves import Curves, declared_curves, fitted_curves
 from rotorjax.units import MICROMETRE
 
-CURVE_POINTS = 241
-MOST_RUNS = 4
+MOST_RUNS = 3
 """Runs in one Bode plot: more cannot be told apart."""
 MOST_SHOWN = 6
 """Effects in a picture of probabilities."""
@@ -30,9 +27,13 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
     if story.changed:
         figures.append(("The error step by step as effects were added.", _fall(story)))
     subject = "the model with what was added" if story.changed else "the model"
-    figures.append((f"Amplitude and phase over speed: measured (markers) over {subject} (lines).", _bode(story)))
+    figures.append((_bode_caption(story), _bode(story)))
     figures.append(
-        (f"Every vector in the complex plane: each measured one is tied to where {subject} puts it.", _polar(story))
+        (
+            f"Vectors in the complex plane: each measured one is tied to where {subject} puts it, a cross; the runs in "
+            "colour are those above, joined in the order of speed.",
+            _polar(story),
+        )
     )
     figures.append(
         (
@@ -43,6 +44,14 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
         )
     )
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
+
+
+def _bode_caption(story: Story) -> str:
+    """What is drawn, and which runs why."""
+    runs, every = shown_runs(story.last), len(story.measurement.runs)
+    which = "" if len(runs) == every else f" Of {every} runs those from the largest vibration to the least."
+    lines = "as declared (dashed) and with what was added (solid, with its 95 % band)" if story.changed else "the model"
+    return f"Amplitude and phase over speed: measured (dots), {lines}; dotted: critical speeds.{which}"
 
 
 def first_pictures(story: Story) -> list[tuple[str, bytes]]:
@@ -128,22 +137,6 @@ def shown_runs(view: Comparison) -> list[str]:
     return [m.runs[k] for k in ranked[picked][::-1]]
 
 
-def _speeds(m: Measurement) -> Float[np.ndarray, "speed"]:
-    """Speeds of a curve [rpm]: those measured and some beyond."""
-    low, high = float(m.speed_rpm.min()), float(m.speed_rpm.max())
-    margin = 0.08 * high if high - low < 0.02 * high else 0.15 * (high - low)
-    return np.linspace(max(low - margin, 0.02 * low), high + margin, CURVE_POINTS)
-
-
-def _curve(
-    model: Model, m: Measurement, run: str, speeds: Float[np.ndarray, "speed"]
-) -> Complex[np.ndarray, "speed probe order"]:
-    """What a model shows over speed with what was installed in a run [m]."""
-    case = int(np.argmax(m.run == m.runs.index(run)))
-    conditions = Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
-    return np.asarray(response(model.with_orders(m.orders), conditions))
-
-
 def first_order(m: Measurement) -> float:
     """1X, or the lowest order measured."""
     return 1.0 if 1.0 in m.orders else m.orders[0]
@@ -161,32 +154,40 @@ def draw_before_after(
     """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what
     was added.
     """
-    m, speeds = story.measurement, _speeds(story.measurement)
-    run, probe, order = (
-        run or shown_runs(story.last)[0],
-        probe or m.probes_read[-1],
-        first_order(m) if order is None else order,
-    )
-    models = (
-        {"as declared": story.model, "with what was added": story.final_model}
-        if story.changed
-        else {"model": story.final_model}
-    )
+    m = story.measurement
+    run, probe = run or shown_runs(story.last)[0], probe or m.probes_read[-1]
+    order = first_order(m) if order is None else order
+    curves = {"as declared": declared_curves(story.model, m, run)} if story.changed else {}
+    curves |= {"with what was added" if story.changed else "model": _last_curves(story, run)}
     at = m.probes.index(probe), m.orders.index(order)
-    curves = {name: np.abs(_curve(model, m, run, speeds)[:, *at]) for name, model in models.items()}
-    return plots.before_after(axes, story.last, run=run, probe=probe, order=order, speeds_rpm=speeds, curves=curves)
+    shown = {name: curve.of(*at) for name, curve in curves.items()}
+    return plots.before_after(axes, story.last, run=run, probe=probe, order=order, curves=shown)
+
+
+def _last_curves(story: Story, run: str) -> Curves:
+    """What the last fit shows, with its band; the model as it is where nothing was fitted."""
+    return fitted_curves(story.fits[-1], run) if story.fits else declared_curves(story.model, story.measurement, run)
 
 
 def _bode(story: Story) -> Figure:
-    view, m = story.last, story.measurement
-    runs, speeds, order = shown_runs(view), _speeds(m), first_order(m)
-    curves = {run: _curve(story.final_model, m, run, speeds) for run in runs}
+    m, order, runs = story.measurement, first_order(story.measurement), shown_runs(story.last)
+    after = {run: _last_curves(story, run) for run in runs}
+    before = {run: declared_curves(story.model, m, run) for run in runs} if story.changed else None
+    critical = critical_speeds_rpm(story.final_model)
     count = len(m.probes_read)
-    drawn, axes = plots.figure(4.6 * max(count, 2), 5.4, 2, count)
+    drawn, axes = plots.figure(4.6 * max(count, 2), 6.0, 2, count)
     for k, probe in enumerate(m.probes_read):
-        amplitude, phase = axes[k], axes[count + k]
-        lines = {run: curve[:, m.probes.index(probe), m.orders.index(order)] for run, curve in curves.items()}
-        plots.bode(amplitude, phase, view, runs, probe=probe, order=order, speeds_rpm=speeds, curves=lines)
+        at = m.probes.index(probe), m.orders.index(order)
+        plots.bode(
+            axes[k],
+            axes[count + k],
+            story.last,
+            {run: curve.of(*at) for run, curve in after.items()},
+            probe=probe,
+            order=order,
+            before=None if before is None else {run: curve.of(*at) for run, curve in before.items()},
+            critical_rpm=list(critical),
+        )
     handles, labels = axes[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper center", ncols=len(runs), fontsize=8)
     return drawn
@@ -194,11 +195,10 @@ def _bode(story: Story) -> Figure:
 
 def _polar(story: Story) -> Figure:
     m = story.measurement
-    order = first_order(m)
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
     for each, probe in zip(axes, m.probes_read, strict=True):
-        plots.polar(each, story.last, probe=probe, order=order)
+        plots.polar(each, story.last, probe=probe, order=first_order(m), runs=shown_runs(story.last))
     axes[0].legend(fontsize=8)
     return drawn
 
@@ -247,6 +247,7 @@ class Plots:
             view,
             probe=probe or m.probes_read[-1],
             order=first_order(m) if order is None else order,
+            runs=shown_runs(view),
         )
         axes.legend(fontsize=8)
         return axes

@@ -2,6 +2,7 @@
 
 import io
 import warnings
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -10,10 +11,12 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.physics.harmonic_balance import SAMPLES
+from rotorjax.reporting.curves import Curve
 from rotorjax.units import MICROMETRE
 
 COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
@@ -36,36 +39,60 @@ def svg(drawn: Figure) -> bytes:
 
 
 def bode(
-    amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float,
-    speeds_rpm: Float[np.ndarray, "speed"],
-    curves: dict[str, Complex[np.ndarray, "speed"]],
-) -> tuple[Axes, Axes]:  # fmt: skip
-    """Amplitude and leading phase over speed: measured as markers, the model as a line, one colour per run, the later
-    ones smaller so that runs lying on one another are all seen.
+    amplitude: Axes,
+    phase: Axes,
+    view: Comparison,
+    after: Mapping[str, Curve],
+    *,
+    probe: str,
+    order: float,
+    before: Mapping[str, Curve] | None = None,
+    critical_rpm: Sequence[float] = (),
+) -> tuple[Axes, Axes]:
+    """Amplitude, logarithmic, and leading phase, without jumps, over speed: one colour per run, measured as dots.
 
-    **Arguments:** ``curves``: the model's vectors [m] of this probe and order at ``speeds_rpm``, by run.
+    **Arguments:** ``after``: what the model shows by run, solid with its 95 % band if it has one; ``before``: the same
+    as declared, dashed; ``critical_rpm``: critical speeds to mark.
     """
     m = view.measurement
     k, n = m.probes.index(probe), m.orders.index(order)
-    drawn = list(zip(COLOURS, runs, strict=False))
-    for below, (colour, run) in zip(reversed(range(len(drawn))), drawn, strict=True):
-        marker = {"color": colour, "markersize": 5.0 + 1.8 * below}
-        line = {"color": colour, "linewidth": 1.2 + 0.9 * below}
+    for colour, (run, curve) in zip(COLOURS, after.items(), strict=False):
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
-        z = view.measured[cases, k, n] / MICROMETRE
-        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", label=f"{run} measured", **marker)
-        phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", **marker)
-        curve = curves[run] / MICROMETRE
-        curve = np.where(curve == 0.0, np.nan, curve)  # what is not driven has no phase
-        amplitude.plot(speeds_rpm, np.abs(curve), "-", label=f"{run} model", **line)
-        angle = np.degrees(np.angle(curve))
-        angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan
-        phase.plot(speeds_rpm, angle, "-", **line)
-    amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)", ylim=(0.0, None))
-    phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm", ylim=(-185, 185), yticks=[-180, -90, 0, 90, 180])
+        speed, z = m.speed_rpm[cases], view.measured[cases, k, n] / MICROMETRE
+        dots = {"color": colour, "markersize": 4.5, "zorder": 3}
+        amplitude.plot(speed, np.abs(z), "o", label=f"{run}, measured", **dots)
+        phase.plot(speed, curve.near(speed, np.degrees(np.angle(z))), "o", **dots)
+        for axes, line, band in (
+            (amplitude, curve.amplitude_um, curve.band_um),
+            (phase, curve.phase_deg, curve.band_deg),
+        ):
+            axes.plot(curve.speed_rpm, line, "-", color=colour, linewidth=1.3, label=f"{run}, model")
+            if band is not None:
+                axes.fill_between(curve.speed_rpm, *band, color=colour, alpha=0.2, linewidth=0.0)
+        if before is not None:
+            old, thin = before[run], {"color": colour, "linewidth": 1.0, "alpha": 0.7}
+            amplitude.plot(old.speed_rpm, old.amplitude_um, "--", label=f"{run}, as declared", **thin)
+            phase.plot(old.speed_rpm, curve.near(old.speed_rpm, old.phase_deg), "--", **thin)
     for axes in (amplitude, phase):
+        low, high = axes.get_xlim()
+        for speed in critical_rpm:
+            if low < speed < high:
+                axes.axvline(speed, color="0.45", linestyle=":", linewidth=1.0, zorder=0)
         axes.grid(alpha=0.3)
+    _logarithmic(amplitude)
+    amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)")
+    phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm")
+    phase.yaxis.set_major_locator(MultipleLocator(90.0 if np.ptp(phase.get_ylim()) < 720.0 else 180.0))
     return amplitude, phase
+
+
+def _logarithmic(axes: Axes) -> None:
+    """A logarithmic axis of amplitudes with numbers as people write them, more of them where it spans little."""
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_major_formatter(plain)
+    axes.yaxis.set_minor_formatter(plain if high < 10.0 * low else NullFormatter())
 
 
 def before_after(
@@ -75,26 +102,20 @@ def before_after(
     run: str,
     probe: str,
     order: float,
-    speeds_rpm: Float[np.ndarray, "speed"],
-    curves: dict[str, Float[np.ndarray, "speed"]],
+    curves: Mapping[str, Curve],
 ) -> Axes:
     """Amplitude over speed of one run, logarithmic: measured as dots, models as lines, the first of two dashed.
 
-    **Arguments:** ``curves``: amplitude [m] at ``speeds_rpm``, by the model's name.
+    **Arguments:** ``curves``: by the model's name, with its 95 % band if it has one.
     """
     m = view.measurement
     k, n = m.probes.index(probe), m.orders.index(order)
     cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
     styles = [(COLOURS[1], "--"), (COLOURS[0], "-")][-len(curves) :]
     for (name, curve), (colour, dashes) in zip(curves.items(), styles, strict=True):
-        axes.plot(
-            speeds_rpm,
-            np.where(curve > 0.0, curve, np.nan) / MICROMETRE,
-            linewidth=1.5,
-            label=name,
-            color=colour,
-            linestyle=dashes,
-        )
+        axes.plot(curve.speed_rpm, curve.amplitude_um, dashes, color=colour, linewidth=1.5, label=name)
+        if curve.band_um is not None:
+            axes.fill_between(curve.speed_rpm, *curve.band_um, color=colour, alpha=0.2, linewidth=0.0)
     axes.plot(
         m.speed_rpm[cases],
         np.abs(view.measured[cases, k, n]) / MICROMETRE,
@@ -103,7 +124,7 @@ def before_after(
         markersize=4.5,
         label="measured",
     )
-    axes.set_yscale("log")
+    _logarithmic(axes)
     axes.set(xlabel="speed, rpm", ylabel=f"{probe} {order:g}X, µm (0-peak)")
     axes.set_title(f"run {run}", fontsize=9, loc="left")
     axes.legend(fontsize=8)
@@ -111,15 +132,27 @@ def before_after(
     return axes
 
 
-def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
-    """Measured vectors in the complex plane as markers, each with a line to where the model puts it."""
+def polar(axes: Axes, view: Comparison, *, probe: str, order: float, runs: Sequence[str] = ()) -> Axes:
+    """Measured vectors in the complex plane as dots, each tied to where the model puts it, a cross.
+
+    **Arguments:** ``runs`` to show in colour, joined in the order of speed, the speeds of the first labelled.
+    """
     m = view.measurement
     k, n = m.probes.index(probe), m.orders.index(order)
     cases = m.present[:, k, n]
     z, model = view.measured[cases, k, n] / MICROMETRE, view.predicted[cases, k, n] / MICROMETRE
     axes.plot(np.stack([z.real, model.real]), np.stack([z.imag, model.imag]), "-", color="0.6", linewidth=0.8, zorder=1)
-    axes.plot(model.real, model.imag, "x", color=COLOURS[1], markersize=5, label="model", zorder=2)
-    axes.plot(z.real, z.imag, "o", color=COLOURS[0], markersize=4, label="measured", zorder=3)
+    axes.plot(model.real, model.imag, "x", color="0.2", markersize=5, label="model", zorder=4)
+    rest = ~np.isin(m.run[cases], [m.runs.index(run) for run in runs])
+    if rest.any():
+        label = "other runs, measured" if runs else "measured"
+        axes.plot(z.real[rest], z.imag[rest], "o", color="0.6" if runs else COLOURS[0], markersize=4, label=label)
+    for colour, run in zip(COLOURS, runs, strict=False):
+        own = np.flatnonzero(m.run[cases] == m.runs.index(run))
+        own = own[np.argsort(m.speed_rpm[cases][own], kind="stable")]
+        axes.plot(z.real[own], z.imag[own], "o-", color=colour, markersize=4, linewidth=0.9, label=run, zorder=3)
+        if run == runs[0]:
+            _label_speeds(axes, z[own], m.speed_rpm[cases][own])
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.set(xlabel=f"{probe} {order:g}X in phase, µm", ylabel="90° ahead, µm")
@@ -127,6 +160,19 @@ def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
     axes.locator_params(axis="x", nbins=5)
     axes.grid(alpha=0.3)
     return axes
+
+
+def _label_speeds(axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"]) -> None:
+    """Speeds beside vectors, where they do not lie on one another."""
+    points, labelled = np.stack([np.real(z), np.imag(z)], axis=1), []
+    room = 0.12 * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    for at, speed in zip(points, speed_rpm, strict=True):
+        # About the origin the runs lie on one another.
+        if np.linalg.norm(at) > room and all(np.linalg.norm(at - other) > room for other in labelled):
+            labelled.append(at)
+            axes.annotate(
+                f"{speed:.0f} rpm", tuple(at), textcoords="offset points", xytext=(5, 4), fontsize=7, zorder=5
+            )
 
 
 def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float] | None = None) -> Axes:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, response, tell
+from rotorjax.reporting.curves import Curve, fitted_curves
 
 RUNS = ("<script>", "trial")
 SPEEDS = np.array([900.0, 1400.0, 1900.0, 2400.0, 2900.0])
@@ -98,3 +99,42 @@ def test_what_was_not_looked_into_is_said(found):
     bare = dataclasses.replace(found.story, fits=())
     with pytest.raises(ValueError, match="nothing was fitted"):
         bare.plot.correlations()
+
+
+def test_curves_go_through_what_the_fit_predicts_with_a_band(story):
+    fitted = story.fits[-1]
+    curves = fitted_curves(fitted, "trial")
+    assert np.isfinite(curves.vectors).all()
+    trial = story.measurement.run == 1
+    for probe in (0, 1):
+        curve = curves.of(probe, 0)
+        there = np.interp(story.measurement.speed_rpm[trial], curve.speed_rpm, curve.amplitude_um)
+        np.testing.assert_allclose(there, 1e6 * np.abs(fitted.predicted[trial, probe, 0]), rtol=0.02)
+        low, high = curve.band_um
+        assert np.all((low <= curve.amplitude_um) & (curve.amplitude_um <= high))
+        assert np.all(high / curve.amplitude_um < 1.5)
+        assert np.abs(np.diff(curve.phase_deg)).max() < 90.0
+
+
+def test_a_band_is_as_wide_as_draws_of_the_parameters_make_it(story):
+    fitted, rng = story.fits[-1], np.random.default_rng(1)
+    curve = fitted_curves(fitted, "trial").of(0, 0)
+    free = fitted.end.free
+    root = np.linalg.cholesky(fitted.covariance[np.ix_(free, free)])
+    conditions = Conditions.at_rpm(curve.speed_rpm, unbalance=np.tile([[[2e-5, 0.0]]], (len(curve.speed_rpm), 1, 1)))
+    drawn = []
+    for _ in range(200):
+        point = fitted.end.point.copy()
+        point[free] += root @ rng.standard_normal(len(free))
+        model = fitted.stage.space.model_at(point)
+        drawn.append(np.abs(np.asarray(response(model, conditions))[:, 0, 0]))
+    expected = fitted.quantile * np.std(drawn, axis=0)
+    np.testing.assert_allclose(curve.spread[:, 0], expected, rtol=0.25)
+
+
+def test_phases_are_shown_in_the_turn_in_which_they_are_nearest():
+    speed = np.linspace(0.0, 10.0, 50)
+    curve = Curve(speed, np.exp(-1j * speed))
+    assert curve.phase_deg[-1] == pytest.approx(-np.degrees(10.0))
+    assert curve.near(np.array([8.0]), np.array([-98.0]))[0] == pytest.approx(-458.0)
+    assert np.isnan(Curve(speed, np.zeros(50, complex)).amplitude_um).all()
