@@ -10,7 +10,6 @@ from jaxtyping import Complex
 from scipy.special import chdtrc
 
 from rotorjax.arrays import numpy_pair, require_float64
-from rotorjax.compilation import forget_compiled
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import compare_vectors
@@ -211,7 +210,6 @@ def explain(  # noqa: PLR0913
     for a measurement with other probes.
     """
     require_float64("explain")
-    forget_compiled()
     full = model if isinstance(model, Model) else Model(model)
     check_catalog(catalog, full.rotor)
     chosen = tuple(catalog) if only is None else tuple(only)

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Complex, Float
 from scipy.special import stdtrit
 
 from rotorjax.arrays import require_float64
-from rotorjax.compilation import forget_compiled
 from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
@@ -230,7 +229,6 @@ def _stage(
 ) -> Stage:
     """The model in the company, at their null, of all that might be freed."""
     require_float64("fit")
-    forget_compiled()
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     own = {e.name: type(e) for e in everything.effects}
     # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.

@@ -86,7 +86,9 @@ def response(model: Model | AbstractRotor, conditions: Conditions) -> Complex[Ar
     that slow roll was subtracted. Differentiable in every number of model and conditions.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** shape (case, probe,
-    order), orders as in ``model.layout.orders``. Without damping the response at a critical speed is infinite. Source:
-    Huang et al. 2026, Sensors 26:2565, equations 1-9; Genta, Dynamics of Rotating Systems, 2005, chapter 2.
+    order), orders as in ``model.layout.orders``; not a number where forces depend on motion and no steady state was
+    found: `steady_states` says of every condition what was found (``result``). Without damping the response at a
+    critical speed is infinite. Source: Huang et al. 2026, Sensors 26:2565, equations 1-9; Genta, Dynamics of Rotating
+    Systems, 2005, chapter 2.
     """
     return vectors(model if isinstance(model, Model) else Model(model), conditions)
