@@ -25,6 +25,10 @@ class Shown:
         """
         return _results().summary(self, rig)
 
+    def to_pandas(self) -> Any:
+        """Its rows as a pandas data frame (extra ``pandas``): see `rotorjax.reporting.frames.frame`."""
+        return importlib.import_module("rotorjax.reporting.frames").frame(self)
+
     def _repr_html_(self) -> str:
         return _results().html(self)
 

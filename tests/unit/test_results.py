@@ -138,3 +138,21 @@ def test_phases_are_shown_in_the_turn_in_which_they_are_nearest():
     assert curve.phase_deg[-1] == pytest.approx(-np.degrees(10.0))
     assert curve.near(np.array([8.0]), np.array([-98.0]))[0] == pytest.approx(-458.0)
     assert np.isnan(Curve(speed, np.zeros(50, complex)).amplitude_um).all()
+
+
+def test_data_frames_hold_what_the_tables_say(found, story, measured):
+    vectors = measured[1].to_pandas()
+    assert list(vectors.columns[:6]) == ["run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg"]
+    assert len(vectors) == measured[1].present.sum()
+    parameters = story.fits[-1].to_pandas().set_index("parameter")
+    assert parameters.loc["unbalance_x_kg_m", "unit"] == "g mm"
+    assert parameters.loc["unbalance_x_kg_m", "low"] < 5.8 < parameters.loc["unbalance_x_kg_m", "high"]
+    assert list(story.to_pandas()["step"]) == ["as declared", "+ residual_unbalance"]
+    cells = story.last.to_pandas()
+    assert cells["standardised"].is_monotonic_decreasing
+    ranking = found.to_pandas()
+    first = ranking[ranking["step"] == 0]
+    assert first["probability"].sum() == pytest.approx(1.0)
+    assert first["effect"].iloc[0] == "residual_unbalance"
+    with pytest.raises(TypeError, match="Model has no rows"):
+        measured[0].to_pandas()

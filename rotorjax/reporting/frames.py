@@ -1,0 +1,94 @@
+"""Results as pandas data frames, in the units that people read; pandas is the optional extra ``pandas``."""
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.rig import to_rows
+from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.fit import Fit
+from rotorjax.discovery.story import Story
+from rotorjax.reporting.comparison import step_labels, steps
+from rotorjax.units import MICROMETRE
+
+
+def frame(result: Any) -> Any:
+    """A result as a data frame.
+
+    A measurement has a row per vector, as in a table; a comparison a row per vector with its prediction, the worst
+    first; a fit a row per parameter; a story a row per step; an explanation a row per candidate of every step.
+    **Errors.** ``ImportError`` where pandas is not installed, ``TypeError`` for what has no rows.
+    """
+    makers = {Measurement: _vectors, Comparison: _cells, Fit: _parameters, Story: _steps, Explanation: _candidates}
+    for kind, make in makers.items():
+        if isinstance(result, kind):
+            return _pandas().DataFrame(make(result))
+    raise TypeError(f"a {type(result).__name__} has no rows to put into a data frame")
+
+
+def _pandas() -> Any:
+    try:
+        return importlib.import_module("pandas")
+    except ImportError as error:
+        raise ImportError("to_pandas needs pandas: install it, or rotorjax with its extra: rotorjax[pandas]") from error
+
+
+def _vectors(m: Measurement) -> list[dict[str, Any]]:
+    return [row._asdict() for row in to_rows(m)]
+
+
+def _cells(view: Comparison) -> list[dict[str, Any]]:
+    rows = []
+    for cell in view.where():
+        row = {"run": cell.run, "speed_rpm": cell.speed_rpm, "probe": cell.probe, "order": cell.order}
+        for name, z in (("measured", cell.measured), ("predicted", cell.predicted)):
+            row |= {f"{name}_um": abs(z) / MICROMETRE, f"{name}_phase_deg": float(np.degrees(np.angle(z)))}
+        rows.append(row | {"residual_um": cell.residual_um, "standardised": cell.standardised})
+    return rows
+
+
+def _parameters(fitted: Fit) -> list[dict[str, Any]]:
+    rows = []
+    for e in fitted.estimates:
+        unit, half = e.entry.unit, fitted.quantile * e.standard_error
+        rows.append({
+            "effect": e.entry.effect,
+            "parameter": e.entry.label,
+            "value": e.value / unit.factor,
+            "low": (e.value - half) / unit.factor,
+            "high": (e.value + half) / unit.factor,
+            "unit": unit.shown,
+            "determined": e.determined,
+            "declared_uncertain": e.entry.declared_uncertain,
+        })  # fmt: skip
+    return rows
+
+
+def _steps(story: Story) -> list[dict[str, Any]]:
+    rows = []
+    for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True):
+        held = None if fitted is None or fitted.held_out_rms is None else fitted.held_out_rms / MICROMETRE
+        rows.append({
+            "step": label,
+            "rms_um": view.rms / MICROMETRE,
+            "held_out_rms_um": held,
+            "reduced_chi2": view.reduced_chi2 if fitted is None else fitted.reduced_chi2,
+        })  # fmt: skip
+    return rows
+
+
+def _candidates(found: Explanation) -> list[dict[str, Any]]:
+    return [
+        {
+            "step": step,
+            "effect": ranked.effect,
+            "probability": ranked.probability,
+            "log_evidence": ranked.log_evidence,
+            "reduced_chi2": found.chi2(ranked),
+        }
+        for step, ranking in enumerate(found.rankings)
+        for ranked in ranking
+    ]
