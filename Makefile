@@ -6,7 +6,7 @@ OUTPUT ?= output
 # Test processes; each takes up to 4 GB. In the order of the folders the long files come before the short ones.
 WORKERS ?= 2
 
-.PHONY: install run test campaign lint benchmark paper notebooks clean
+.PHONY: install run test campaign lint benchmark paper notebooks docs clean
 
 install: $(VENV)/.installed
 
@@ -51,6 +51,15 @@ paper: $(VENV)/.installed
 
 notebooks: $(VENV)/.tested
 	$(BIN)/python notebooks/execute.py
+
+$(VENV)/.documented: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
+	touch $@
+
+docs: $(VENV)/.documented
+	$(BIN)/python docs/generate.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "The site: build/site/index.html"
 
 clean:
 	rm -rf $(VENV) $(OUTPUT) build dist *.egg-info
