@@ -1,4 +1,4 @@
-"""What the site adds to the pages in docs/: generated pages and pictures, and pages that live elsewhere in the repository.
+"""What the site adds to the pages in docs/: generated pages and pictures, and pages from elsewhere in the repository.
 
 Links stay as a code host shows them (`../CONTRIBUTING.md`): here they are turned to where the site has the page, and
 to plain text where it has none.
@@ -87,7 +87,9 @@ def _with_effects_linked(markdown: str, uri: str) -> str:
     if uri.startswith(("catalogue/", f"{FOLDER}/")):
         return markdown
     parts = _FENCED.split(markdown)
-    parts[::2] = [_CODE.sub(lambda m: f"[{m[0]}]({names[m[1]]})" if m[1] in names else m[0], part) for part in parts[::2]]
+    parts[::2] = [
+        _CODE.sub(lambda m: f"[{m[0]}]({names[m[1]]})" if m[1] in names else m[0], part) for part in parts[::2]
+    ]
     return "".join(parts)
 
 

@@ -14,9 +14,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+WIDTH = 110
 _BLOCK = re.compile(r"^```console\n\$ (?P<command>.*?[^\\])\n(?P<output>.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -49,7 +51,12 @@ def _run(command: str, folder: Path) -> str:
     said = [line for line in done.stderr.splitlines(keepends=True) if line.startswith("rotorjax:")]
     status = f"(exit status {done.returncode})\n" if done.returncode else ""
     lines = "".join([*said, done.stdout, status]).splitlines()
-    return "".join(f"{line.rstrip()}\n" for line in lines)
+    return "".join(f"{part.rstrip()}\n" for line in lines for part in _wrapped(line))
+
+
+def _wrapped(line: str) -> list[str]:
+    """A line as a terminal shows it; rows of tables stay whole."""
+    return [line] if len(line) <= WIDTH or "  " in line.strip() else textwrap.wrap(line, WIDTH)
 
 
 if __name__ == "__main__":

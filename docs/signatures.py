@@ -70,9 +70,7 @@ def signature(name: str) -> tuple[Figure, dict[str, str]]:
     """The picture of one effect, and the values behind each of its lines."""
     sizes = DRAWN.get(name, Sizes())
     bare = _rotor(sizes)
-    effects = {
-        _label(k, scales): _sized(CATALOG[name], bare, scales) for k, scales in enumerate(sizes.scales, start=1)
-    }
+    effects = {_label(k, scales): _sized(CATALOG[name], bare, scales) for k, scales in enumerate(sizes.scales, start=1)}
     speeds = SPEEDS * float(bare.rotor.natural_frequency())
     lines = {"without": _shown(bare, speeds, sizes)}
     lines |= {label: _shown(bare + effect, speeds, sizes) for label, effect in effects.items()}
@@ -90,7 +88,9 @@ def signature(name: str) -> tuple[Figure, dict[str, str]]:
 def _rotor(sizes: Sizes) -> Model:
     down = (0.0, -GRAVITY) if sizes.gravity else (0.0, 0.0)
     rotor = Jeffcott(MASS, STIFFNESS, DAMPING_RATIO, gravity=down)
-    return Model(rotor, participation=np.array([1.0, 1.0]), layout=Layout(("X", "Y"), ("first", "second"), sizes.orders))
+    return Model(
+        rotor, participation=np.array([1.0, 1.0]), layout=Layout(("X", "Y"), ("first", "second"), sizes.orders)
+    )
 
 
 def _sized(cls: type[Effect], model: Model, scales: dict[str, float] | float) -> Effect:
