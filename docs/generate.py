@@ -132,8 +132,8 @@ def index_page() -> str:
     ]
     parts.append(
         "## Simple terms of a missing force\n\nWhere no effect of the catalogue explains the data, the missing "
-        "force is compared with these terms. Each exists along x and along y (`_y` in place of `_x`), and can be added like an "
-        "effect: `--effect term_cubic_x`."
+        "force is compared with these terms. Each exists along x and along y (`_y` in place of `_x`), and can be added "
+        "like an effect: `--effect term_cubic_x`."
     )
     parts.append("\n".join(["| term | what it is | equation |", "| --- | --- | --- |", *terms]))
     return "\n\n".join(parts) + "\n"

@@ -26,8 +26,11 @@ ELSEWHERE = (
 )
 """Shown as they are, in a folder of their own."""
 FOLDER = "repository"
+SHIM = "https://unpkg.com/iframe-worker/shim"
+FAMILIES = ("excitation", "structure", "restoring", "reading")
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#:]+)(#[^)\s]*)?\)")
 _DRAWN = re.compile(r"^```python title=\"([\w-]+)\.png\"\n.*?^```$", re.MULTILINE | re.DOTALL)
+_LOADED = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?https?://[^>]*>")
 _FENCED = re.compile(r"(^```.*?^```$|\[[^\]\n]*\]\([^)\n]*\)|^#.*?$)", re.MULTILINE | re.DOTALL)
 """What is left as it is: code, links, headings."""
 _CODE = re.compile(r"`([a-z_]+)`")
@@ -35,7 +38,7 @@ _CODE = re.compile(r"`([a-z_]+)`")
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the pages of the catalogue into the navigation, by family."""
-    families: dict[str, list[dict[str, str]]] = {}
+    families: dict[str, list[dict[str, str]]] = {family: [] for family in FAMILIES}
     for path in _effects():
         family = re.search(r"^\*Family: (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
         families.setdefault(family[1] if family else "other", []).append({path.stem: f"catalogue/{path.name}"})
@@ -54,8 +57,25 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             files.remove(written)
         files.append(File.generated(config, uri, abs_src_path=str(path)))
     for path in _elsewhere():
-        files.append(File.generated(config, f"{FOLDER}/{path}", abs_src_path=str(ROOT / path)))
+        files.append(File.generated(config, _place(path), abs_src_path=str(ROOT / path)))
     return files
+
+
+def on_post_page(output: str, page: Page, **_: object) -> str:
+    """Take from the site itself what the theme would load from a network to search in files on disk."""
+    return output.replace(SHIM, posixpath.relpath("worker.js", posixpath.dirname(page.file.dest_uri) or "."))
+
+
+def on_post_template(output_content: str, **_: object) -> str:
+    """The same on the page for what is not found."""
+    return output_content.replace(SHIM, "worker.js")
+
+
+def on_post_build(config: MkDocsConfig, **_: object) -> None:
+    """Refuse a site that would load anything from a network."""
+    for path in Path(config.site_dir).rglob("*.html"):
+        if found := _LOADED.search(path.read_text(encoding="utf-8")):
+            raise ValueError(f"{path}: {found[0]} would be loaded from a network")
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
@@ -63,8 +83,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     uri = page.file.src_uri
     if uri == "gallery.md":
         markdown = _DRAWN.sub(lambda m: f"{m[0]}\n\n![{m[1].replace('-', ' ')}](pictures/{m[1]}.png)", markdown)
-    here = uri.removeprefix(f"{FOLDER}/") if uri.startswith(f"{FOLDER}/") else f"docs/{uri}"
-    known = set(_elsewhere())
+    known = {_place(path): path for path in _elsewhere()}
+    here = known.get(uri, f"docs/{uri}")
 
     def turned(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(here), link[3]))
@@ -72,8 +92,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
             return link[0]
         if target.startswith("docs/"):
             place = target.removeprefix("docs/")
-        elif target in known:
-            place = f"{FOLDER}/{target}"
+        elif target in known.values():
+            place = _place(target)
         else:
             return link[2]
         return f"{link[1]}[{link[2]}]({posixpath.relpath(place, posixpath.dirname(uri) or '.')}{link[4] or ''})"
@@ -95,6 +115,11 @@ def _with_effects_linked(markdown: str, uri: str) -> str:
 
 def _effects() -> list[Path]:
     return [p for p in sorted((GENERATED / "catalogue").glob("*.md")) if p.stem != "index"]
+
+
+def _place(path: str) -> str:
+    """Where the site has a page from elsewhere; a README would be taken for the page of its section."""
+    return f"{FOLDER}/{path}".replace("/README.md", "/overview.md")
 
 
 def _elsewhere() -> list[str]:
