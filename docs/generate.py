@@ -150,9 +150,13 @@ def draw_gallery(page: str) -> None:
 
 
 def _formula(cls: type[Effect]) -> str:
-    """What stands before the words of the docstring."""
-    first = re.split(r"[:;,.] |$", _line(cls.__doc__ or ""), maxsplit=1)[0]
-    return first.rstrip(".:")
+    """What stands before the words of the docstring: up to the first punctuation outside brackets."""
+    line, depth = _line(cls.__doc__ or ""), 0
+    for at, sign in enumerate(line):
+        depth += (sign in "([{") - (sign in ")]}")
+        if depth == 0 and sign in ":;,." and line[at + 1 : at + 2] in ("", " "):
+            return line[:at]
+    return line
 
 
 def _line(text: str) -> str:
