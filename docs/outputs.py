@@ -5,7 +5,7 @@
 
 A block marked `console` begins with a command after `$ `, which may go on after a backslash; the rest of the block is
 its output. The commands of a page run one after the other in an empty folder, in which `demo` holds the shipped example
-unless the page makes it, and `rk4` the measured vectors of a rotor kit.
+unless the page makes it, and `rk4` the measured vectors of a rotor kit. Then its Python is run there.
 """
 
 import os
@@ -18,6 +18,7 @@ import textwrap
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+_PYTHON = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 WIDTH = 110
 _BLOCK = re.compile(r"^```console\n\$ (?P<command>.*?[^\\])\n(?P<output>.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -30,6 +31,10 @@ def main() -> None:
         if _BLOCK.search(text):
             with tempfile.TemporaryDirectory() as folder:
                 page.write_text(renewed(text, Path(folder)), encoding="utf-8")
+                code = "\n".join(_PYTHON.findall(text))
+                subprocess.run(
+                    [sys.executable, "-c", code], cwd=folder, env=_environment(), stdout=subprocess.DEVNULL, check=True
+                )
             print(page.relative_to(ROOT))
 
 
@@ -43,15 +48,19 @@ def renewed(text: str, folder: Path) -> str:
 
 def _run(command: str, folder: Path) -> str:
     """What a command prints, and what it says of bad input; stages of its progress are left out."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        ["bash", "-c", command], cwd=folder, env=_environment(), capture_output=True, text=True, check=False
     )
     said = [line for line in done.stderr.splitlines(keepends=True) if line.startswith("rotorjax:")]
     status = f"(exit status {done.returncode})\n" if done.returncode else ""
     lines = "".join([*said, done.stdout, status]).splitlines()
     return "".join(f"{part.rstrip()}\n" for line in lines for part in _wrapped(line))
+
+
+def _environment() -> dict[str, str]:
+    """This package, and the commands that came with this Python, first."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)}
 
 
 def _wrapped(line: str) -> list[str]:
