@@ -147,6 +147,7 @@ def test_draws_that_cannot_be_fitted_say_nothing_for_the_noise(monkeypatch):
         return [end._replace(cost=np.inf) if np.any(drawn) else end for end, drawn in zip(ends, shift, strict=True)]
 
     monkeypatch.setattr(bootstrap, "descend", failing)
+    monkeypatch.setattr(sys.modules["rotorjax.discovery.explain"], "name_force", lambda *_: None)
     found = explain(model, measurement, only=["damping_error"])
     assert found.verdict == "unexplained"
     assert "is more than the noise (p <= 0.0" in sentence(found)
@@ -277,6 +278,7 @@ def half_order_data(signs: np.ndarray, *, size: float = 30e-6):
     )
 
 
+@pytest.mark.campaign
 def test_signs_of_half_orders_change_nothing():
     one = explain(*half_order_data(np.ones(8)))
     other = explain(*half_order_data(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0])))

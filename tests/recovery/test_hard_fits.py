@@ -61,6 +61,7 @@ def test_drawn_forces_are_fitted_as_well_as_from_the_truth(seed):
     assert reached(*drawn_forces.measured(drawn), (term,), Noise()) < least + 0.5
 
 
+@pytest.mark.campaign
 def test_friction_that_nearly_holds_the_rotor_is_fitted():
     model, measurement, _ = hidden_forces.sufficient(effects.CoulombFriction, seed=8, factor=10.0)
     assert reached(model, measurement, ("coulomb_friction",), Noise()) < 58.22 + 0.5

@@ -50,7 +50,11 @@ def measured(*forces: in_time.Force, seed: int = 1) -> tuple[Model, Measurement]
             {"duffing", "quadratic_damping"},
             marks=pytest.mark.campaign,
         ),
-        ((in_time.duffing(CUBIC), in_time.coulomb_friction(STICK)), {"duffing", "coulomb_friction"}),
+        pytest.param(
+            (in_time.duffing(CUBIC), in_time.coulomb_friction(STICK)),
+            {"duffing", "coulomb_friction"},
+            marks=pytest.mark.campaign,
+        ),
     ],
 )
 def test_two_at_once(forces, expected):
