@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorjax.data.measurement import Installed, Limits, Row, Uncertain
 from rotorjax.data.section import Document, Section, nearest
+from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
 from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
@@ -252,7 +253,7 @@ def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[s
     priors = {}
     for name, table in document.section("prior").tables():
         if name not in catalog:
-            document.report(("prior", name), f"unknown effect; {nearest(name, catalog)}")
+            document.report(("prior", name), f"unknown effect; {nearest_effect(name, catalog)}")
             continue
         declared = [p.name for p in catalog[name].parameters()]
         priors[name] = {key: table.number(key, above=0.0) for key in declared if key in table}
@@ -268,7 +269,7 @@ def effects_of(
     declared = []
     for name, table in document.section("effects").tables():
         if name not in catalog:
-            document.report(("effects", name), f"unknown effect; {nearest(name, catalog)}")
+            document.report(("effects", name), f"unknown effect; {nearest_effect(name, catalog)}")
             continue
         orders = _orders_named(catalog[name], table.data)
         known = layout._replace(orders=orders or layout.orders)

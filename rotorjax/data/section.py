@@ -18,10 +18,17 @@ _HEADER = re.compile(r"^\s*\[+\s*(.+?)\s*\]+\s*(#.*)?$")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.\"'-]+)\s*=")
 
 
+def close_to(name: str, known: Iterable[str], likeness: float) -> list[str]:
+    """The known name that is spelled most alike, if any is alike enough."""
+    return difflib.get_close_matches(name.lower(), known, 1, likeness) or difflib.get_close_matches(
+        name, known, 1, likeness
+    )
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` or the list of what is known: the end of a message about an unknown name."""
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, 1, 0.5) or [known for known in names if name and name in known][:1]
+    near = close_to(name, names, 0.5) or [known for known in names if name and name in known][:1]
     if near:
         return f"did you mean {near[0]!r}?"
     return f"known here: {', '.join(names)}" if names else "remove it"
