@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -14,6 +15,9 @@ from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
 from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
 
+_ORDER = re.compile(r"[0-9]{1,4}(\.[0-9]{1,6})?X")
+MOST_HOLES = 720
+"""For correction masses, every half degree."""
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
 
 
@@ -100,6 +104,8 @@ def probes_of(document: Document) -> dict[str, tuple[float, float, float]]:
     section = document.section("probes")
     probes = {}
     for name, table in section.tables():
+        if not name.strip():
+            document.report(("probes", name), "a probe needs a name, like X")
         if set(name) & set(".,:="):
             document.report(("probes", name), "a probe's name must not hold any of . , : = (they separate parameters)")
         angle = DEGREE * table.number("angle_deg")
@@ -132,8 +138,8 @@ def _holes(table: Section) -> int | None:
     if "holes" not in table:
         return None
     count = table.number("holes", least=3.0)
-    if math.isfinite(count) and count != int(count):
-        table.problem("holes", "must be a whole number of evenly spaced holes")
+    if math.isfinite(count) and (count != int(count) or count > MOST_HOLES):
+        table.problem("holes", f"must be a whole number of evenly spaced holes, {MOST_HOLES} at most")
     return int(count) if math.isfinite(count) else None
 
 
@@ -155,7 +161,7 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
             plane = weight.raw("plane", next(iter(planes)))
             if "plane" not in weight and len(planes) > 1:
                 weight.problem("plane", f"is missing; say which of {', '.join(planes)}")
-            elif plane not in planes:
+            elif not isinstance(plane, str) or plane not in planes:
                 weight.problem("plane", f"unknown plane {plane!r}; {nearest(str(plane), planes)}")
                 plane = next(iter(planes))
             pair = convention.vector(
@@ -285,11 +291,7 @@ def _orders_named(cls: type[Effect], data: dict[str, Any]) -> tuple[float, ...]:
         if "order" in declared.axes and isinstance(per_probe := data.get(declared.name), dict):
             for per_order in per_probe.values():
                 if isinstance(per_order, dict):
-                    orders |= {
-                        float(key[:-1])
-                        for key in per_order
-                        if key.endswith("X") and key[:-1].replace(".", "", 1).isdigit()
-                    }
+                    orders |= {float(key[:-1]) for key in per_order if _ORDER.fullmatch(key)}
     return tuple(sorted(orders))
 
 
