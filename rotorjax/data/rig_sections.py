@@ -68,6 +68,8 @@ class Plane(NamedTuple):
 def rotor_of(document: Document, rotation: str) -> dict[str, Any]:
     """What the model's rotor is made of; nothing where the section is missing."""
     section = document.section("rotor")
+    if section.reported:
+        return {}
     if not section.data:
         document.report(("rotor",), "section is missing; give mass_kg, stiffness_n_per_m and damping_ratio")
         return {}

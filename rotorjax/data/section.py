@@ -105,6 +105,8 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
         last = len(text.rstrip().split("\n")) if "end of document" in str(error) else None
         line = where[1] if where else last
         place = f"{path}:{line}" if line else str(path)
+        if "Exceeds the limit" in str(error):
+            raise InputError(f"{place}: holds a number of thousands of digits; mend it") from error
         twice = " (the same key or section appears twice)" if "overwrite" in str(error) or "twice" in str(error) else ""
         raise InputError(
             f"{place}: not valid TOML: {error}{twice}; mend that line, or give the rig file if this is another"
@@ -129,6 +131,8 @@ class Section:
     def __init__(self, document: Document, path: tuple[str, ...], data: Any):
         self.document, self.path = document, path
         self.asked: set[str] = set()
+        self.reported = not isinstance(data, dict)
+        """Whether this is no table at all, so that what it lacks needs no message of its own."""
         if not isinstance(data, dict):
             document.report(path, f"must be a table, not {shown(data)}")
             data = {}
@@ -141,6 +145,11 @@ class Section:
         """Note a problem at one of this table's keys."""
         self.document.report((*self.path, key), rule)
 
+    def missing(self, key: str, cure: str) -> None:
+        """Note that a key is missing."""
+        if not self.reported:
+            self.problem(key, f"is missing; {cure}")
+
     def raw(self, key: str, default: Any = None) -> Any:
         """The value as parsed, unchecked."""
         self.asked.add(key)
@@ -152,7 +161,7 @@ class Section:
         """A finite number, greater than ``above`` and at least ``least``."""
         value = self.raw(key, default)
         if value is _REQUIRED:
-            self.problem(key, "is missing; give a number")
+            self.missing(key, "give a number")
             return math.nan
         return self.checked(key, value, above=above, least=least)
 
@@ -176,7 +185,7 @@ class Section:
         """``{ x = 1.0, y = 2.0 }``, or one number for both."""
         value = self.raw(key)
         if value is None:
-            self.problem(key, "is missing; give { x = ..., y = ... }")
+            self.missing(key, "give { x = ..., y = ... }")
             return math.nan, math.nan
         if not isinstance(value, dict):
             one = self.checked(key, value, above=above, least=least)

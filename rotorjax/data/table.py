@@ -19,6 +19,8 @@ REQUIRED = ("run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg")
 OPTIONAL = ("sigma_um", "repeat")
 LARGEST = 1e9
 """No amplitude in µm, speed in rpm or angle in degrees is larger."""
+HIGHEST_ORDER = 100.0
+"""No order of a vibration vector is higher."""
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(([,. '’\u00a0\u202f])\d{3})(\2\d{3})*([.,]\d+)?")
 _DELIMITER_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
@@ -162,6 +164,10 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
             return math.nan
         if abs(value) > LARGEST:
             problems.append(f"{where(name)}: {value:g} is beyond anything measured; check its unit")
+        if name == "order" and value > HIGHEST_ORDER:
+            problems.append(
+                f"{where(name)}: {value:g} is above {HIGHEST_ORDER:g}; check that it is a multiple of the speed"
+            )
         if value < least or (strict and value == least):
             problems.append(f"{where(name)}: {value:g} must be {'above' if strict else 'at least'} {least:g}")
         return value
@@ -192,7 +198,7 @@ def _names_wrong(place: str, cells: list[str], header: _Header, probes: list[str
     run, probe = (cells[header.columns[name]] for name in ("run", "probe"))
     if not run:
         problems.append(f"{header.place(place, 'run')}: empty; name the run")
-    if probes is not None and probe not in probes:
+    if probes is not None and probe not in probes and not unseen(probe):
         known = ", ".join(probes)
         problems.append(f"{header.place(place, 'probe')}: unknown probe {probe!r}; the rig file has {known}")
     return problems

@@ -53,7 +53,7 @@ def _check_channel_name(table: Section) -> None:
     """Name or number of a channel in the file."""
     channel = table.raw("channel")
     if channel is None:
-        table.problem("channel", 'is missing; name the channel of the recording, like channel = "ch1"')
+        table.missing("channel", 'name the channel of the recording, like channel = "ch1"')
     elif isinstance(channel, bool) or not isinstance(channel, int | str) or channel == "":
         table.problem("channel", f"must be the name or the number of a channel, not {channel!r}")
     elif isinstance(channel, int):
@@ -67,10 +67,6 @@ def check_recordings(document: Document, runs: Collection[str]) -> None:
         if not isinstance(run, str):
             table.problem("run", f"must be the name of a run, not {run!r}")
         elif run not in runs:
-            told = (
-                "unknown run"
-                if "run" in table
-                else 'the recording\'s run, by default its file name, is unknown: say run = "NAME";'
-            )
-            table.problem("run", f"{told} {run!r}; {nearest(run, runs)}")
+            by_default = "" if "run" in table else ', which is the file\'s name: say run = "NAME"'
+            table.problem("run", f"unknown run {run!r}{by_default}; {nearest(run, runs)}")
         table.close()

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from rotorjax.data.names import harmless
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.physics.harmonic_balance import SAMPLES
@@ -35,6 +36,13 @@ def svg(drawn: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def plain(name: str) -> str:
+    """A user's name as it is: a dollar sign begins no formula, an underline hides no entry of a legend, a control
+    character is written out.
+    """
+    return (" " if name.startswith("_") else "") + harmless(name).replace("$", r"\$")
+
+
 def bode(
     amplitude: Axes, phase: Axes, view: Comparison, runs: list[str], *, probe: str, order: float,
     speeds_rpm: Float[np.ndarray, "speed"],
@@ -53,15 +61,15 @@ def bode(
         line = {"color": colour, "linewidth": 1.2 + 0.9 * below}
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
         z = view.measured[cases, k, n] / MICROMETRE
-        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", label=f"{run} measured", **marker)
+        amplitude.plot(m.speed_rpm[cases], np.abs(z), "o", label=f"{plain(run)} measured", **marker)
         phase.plot(m.speed_rpm[cases], np.degrees(np.angle(z)), "o", **marker)
         curve = curves[run] / MICROMETRE
         curve = np.where(curve == 0.0, np.nan, curve)  # what is not driven has no phase
-        amplitude.plot(speeds_rpm, np.abs(curve), "-", label=f"{run} model", **line)
+        amplitude.plot(speeds_rpm, np.abs(curve), "-", label=f"{plain(run)} model", **line)
         angle = np.degrees(np.angle(curve))
         angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan
         phase.plot(speeds_rpm, angle, "-", **line)
-    amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)", ylim=(0.0, None))
+    amplitude.set(ylabel=f"{plain(probe)} {order:g}X amplitude, µm (0-peak)", ylim=(0.0, None))
     phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm", ylim=(-185, 185), yticks=[-180, -90, 0, 90, 180])
     for axes in (amplitude, phase):
         axes.grid(alpha=0.3)
@@ -104,8 +112,8 @@ def before_after(
         label="measured",
     )
     axes.set_yscale("log")
-    axes.set(xlabel="speed, rpm", ylabel=f"{probe} {order:g}X, µm (0-peak)")
-    axes.set_title(f"run {run}", fontsize=9, loc="left")
+    axes.set(xlabel="speed, rpm", ylabel=f"{plain(probe)} {order:g}X, µm (0-peak)")
+    axes.set_title(f"run {plain(run)}", fontsize=9, loc="left")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3, which="both", linewidth=0.5)
     return axes
@@ -122,7 +130,7 @@ def polar(axes: Axes, view: Comparison, *, probe: str, order: float) -> Axes:
     axes.plot(z.real, z.imag, "o", color=COLOURS[0], markersize=4, label="measured", zorder=3)
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
-    axes.set(xlabel=f"{probe} {order:g}X in phase, µm", ylabel="90° ahead, µm")
+    axes.set(xlabel=f"{plain(probe)} {order:g}X in phase, µm", ylabel="90° ahead, µm")
     axes.set_aspect("equal", adjustable="datalim")
     axes.locator_params(axis="x", nbins=5)
     axes.grid(alpha=0.3)
@@ -152,11 +160,13 @@ def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float]
     )
     axes.set_facecolor("0.85")
     several = len(m.orders) > 1
-    labels = [f"{m.probes[k]} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns]
+    labels = [
+        f"{plain(m.probes[k])} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns
+    ]
     step = max(1, len(columns) // 24)
     axes.set_xticks(range(0, len(columns), step), labels[::step], rotation=90 if len(columns) > 6 else 0, fontsize=7)
     step = max(1, len(m.runs) // 30)
-    axes.set_yticks(range(0, len(m.runs), step), m.runs[::step], fontsize=7)
+    axes.set_yticks(range(0, len(m.runs), step), list(map(plain, m.runs[::step])), fontsize=7)
     axes.set(xlabel="probe and speed, rpm")
     if axes.figure is not None:
         axes.figure.colorbar(image, ax=axes, label="|residual|, µm")
@@ -365,7 +375,12 @@ def missing_force(
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]
         axes.plot(
-            at, force, "-", color=colour, linewidth=1.2, label=f"{m.runs[m.run[case]]}, {m.speed_rpm[case]:.0f} rpm"
+            at,
+            force,
+            "-",
+            color=colour,
+            linewidth=1.2,
+            label=f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm",
         )
         axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
