@@ -126,7 +126,7 @@ def simulate(options: argparse.Namespace) -> None:
     if options.like and options.orders:
         raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     use_double_precision()
-    from rotorjax.data.rig import read_measurement, read_rig
+    from rotorjax.data.rig import read_rig
     from rotorjax.data.simulate import noisy, plan_like, plan_speeds
     from rotorjax.physics.stability import steadiness
     from rotorjax.reporting.comparison import objections
@@ -136,7 +136,7 @@ def simulate(options: argparse.Namespace) -> None:
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
     plan = (
-        plan_like(read_measurement(options.like, rig))
+        plan_like(_measurement(options.like, rig))
         if options.like
         else plan_speeds(rig, options.speeds, options.orders or "1")
     )
@@ -202,13 +202,19 @@ def _cache_folder() -> str | None:
 
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
     from rotorjax.data.rig import read_rig
-    from rotorjax.data.table import read_table
 
     rig = read_rig(options.rig)
-    table = read_table(options.data, probes=rig.model.layout.probes)
+    return rig, _measurement(options.data, rig)
+
+
+def _measurement(path: Path, rig: "Rig") -> "Measurement":
+    """A table of a rig, notes on what was tolerated on standard error."""
+    from rotorjax.data.table import read_table
+
+    table = read_table(path, probes=rig.model.layout.probes)
     for note in table.notes:
         complain(f"note: {note}")
-    return rig, rig.measurement(table, options.data)
+    return rig.measurement(table, path)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -41,7 +41,7 @@ def _check_channel(table: Section) -> None:
     """The channel of a probe, with its unit."""
     _check_channel_name(table)
     unit, key = table.choice("unit", UNITS), "sensitivity_mv_per_um"
-    if key in table and unit == "um":
+    if key in table and table.data.get("unit", "um") == "um":
         table.problem(key, 'goes with unit = "V"; leave it out where the channel is in µm')
     elif unit == "V" and table.number(key) == 0.0:
         table.problem(key, "must not be zero: the probe would read nothing")
