@@ -70,6 +70,8 @@ def effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if unknown := [name for name in names if name not in CATALOG]:
         raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest_effect(name, CATALOG)}" for name in unknown))
+    if flag == "--only" and not names:
+        raise InputError("--only: names no effect; name those that may be missing, or leave the option out")
     return names
 
 

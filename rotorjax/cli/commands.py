@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rotorjax.discovery.story import Story
     from rotorjax.model.model import Model
 
+LARGEST_SEED = 2**31 - 1
+
 
 def compare(options: argparse.Namespace) -> None:
     """The model against a measurement, effects added one after the other."""
@@ -135,6 +137,8 @@ def simulate(options: argparse.Namespace) -> None:
     rig = read_rig(options.rig)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
+    if abs(options.seed) > LARGEST_SEED:
+        raise InputError(f"--seed {options.seed}: must be a whole number of at most {LARGEST_SEED}")
     plan = (
         plan_like(_measurement(options.like, rig))
         if options.like
@@ -176,8 +180,9 @@ def paper(options: argparse.Namespace) -> None:
 def example(options: argparse.Namespace) -> None:
     """A table, a rig file and what to type."""
     from rotorjax.data.example import write_example
+    from rotorjax.reporting.tables import wrapped
 
-    say(write_example(options.folder))
+    say(wrapped(write_example(options.folder), terminal_width()))
 
 
 def use_double_precision() -> None:

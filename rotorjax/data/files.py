@@ -80,10 +80,18 @@ def _wide_encoding(raw: bytes) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there.
+    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there. What
+    is no plain file, such as /dev/stdout, is written to, not replaced.
 
     **Errors.** `InputError` if the folder is missing or cannot be written to.
     """
+    data = content.encode() if isinstance(content, str) else content
+    if path.exists() and not path.is_file():
+        try:
+            path.write_bytes(data)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another path") from error
+        return
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
@@ -92,7 +100,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
         ) from error
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            file.write(data)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:
