@@ -1,13 +1,15 @@
 """The command line. The only place that prints or sets JAX's global options."""
 
 import argparse
-import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from typing import NoReturn
 
 from rotorjax.cli import commands
 from rotorjax.cli.progress import INTERRUPTED
+from rotorjax.cli.terminal import accept_any_character, complain, leave_output
+from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
 BAD_INPUT = 2
@@ -16,25 +18,35 @@ MOST_PROBLEMS = 20
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command. **Returns** the exit status: 0 done, 2 bad input."""
+    accept_any_character()
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
         options.command(options)
     except InputError as error:
-        print("\n".join(f"rotorjax: {problem}" for problem in error.problems[:MOST_PROBLEMS]), file=sys.stderr)
+        for problem in error.problems[:MOST_PROBLEMS]:
+            complain(problem)
         if len(error.problems) > MOST_PROBLEMS:
-            print(f"rotorjax: and {len(error.problems) - MOST_PROBLEMS} more problems", file=sys.stderr)
+            complain(f"and {len(error.problems) - MOST_PROBLEMS} more problems")
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("rotorjax: stopped", file=sys.stderr)
+        complain("stopped")
         return INTERRUPTED
     except BrokenPipeError:
-        commands.leave_output()
+        leave_output()
     return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose messages repeat no control characters of its arguments."""
+
+    def error(self, message: str) -> NoReturn:
+        """Usage and message on standard error, then exit status 2."""
+        argparse.ArgumentParser.error(self, harmless(message))
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="rotorjax", description="Hold a rotor model against vibration measurements and find what it lacks."
     )
     parser.add_argument("--version", action="version", version=f"rotorjax {version('rotorjax')}")

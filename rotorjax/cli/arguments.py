@@ -14,6 +14,7 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
     """Effects from ``NAME:PARAMETER=VALUE,...`` as the command line gives them, and the keys of the values given."""
     from rotorjax.data.rig import effect_from_labels
     from rotorjax.data.section import nearest
+    from rotorjax.data.synonyms import nearest_effect
     from rotorjax.effects.terms import NAMED
 
     effects, fixed, problems = [], set(), []
@@ -23,7 +24,7 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
             problems.append(f"--effect {text}: {name} is there already; give all its values in one --effect")
             continue
         if name not in NAMED:
-            problems.append(f"--effect {text}: unknown effect {name!r}; {nearest(name, NAMED)}")
+            problems.append(f"--effect {text}: unknown effect {name!r}; {nearest_effect(name, NAMED)}")
             continue
         labels = [label for p in NAMED[name].parameters() for label in p.labels(model.layout)]
         given: dict[str, float] = {}
@@ -63,12 +64,14 @@ def effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
     """Names of effects, separated by commas, all known."""
     if text is None:
         return None
-    from rotorjax.data.section import nearest
+    from rotorjax.data.synonyms import nearest_effect
     from rotorjax.effects import CATALOG
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if unknown := [name for name in names if name not in CATALOG]:
-        raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest(name, CATALOG)}" for name in unknown))
+        raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest_effect(name, CATALOG)}" for name in unknown))
+    if flag == "--only" and not names:
+        raise InputError("--only: names no effect; name those that may be missing, or leave the option out")
     return names
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects
 from rotorjax.cli.progress import progress_line
+from rotorjax.cli.terminal import complain, say, terminal_width
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from rotorjax.discovery.explain import Explanation
     from rotorjax.discovery.story import Story
     from rotorjax.model.model import Model
+
+LARGEST_SEED = 2**31 - 1
 
 
 def compare(options: argparse.Namespace) -> None:
@@ -35,7 +38,7 @@ def compare(options: argparse.Namespace) -> None:
             "leave it out"
         )
     story = tell(rig.model, measurement, additions, fixed=fixed)
-    _say(comparison_text(story))
+    say(comparison_text(story, width=terminal_width()))
     _write_outputs(
         options,
         rig,
@@ -61,7 +64,7 @@ def _write_outputs(
         _write_json(options.json, content)
     if options.report:
         result.report(options.report, rig, title=title)
-        print(f"\nReport: {options.report}")
+        say(f"\nReport: {options.report}")
 
 
 def explain(options: argparse.Namespace) -> None:
@@ -91,7 +94,7 @@ def explain(options: argparse.Namespace) -> None:
         found = explain(
             rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress
         )
-    _say(explanation_text(found, rig))
+    say(explanation_text(found, rig, width=terminal_width()))
     _write_outputs(
         options,
         rig,
@@ -114,7 +117,7 @@ def diagnose(options: argparse.Namespace) -> None:
         diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
     except ValueError as error:
         raise InputError(f"{options.data}: {error}") from error
-    _say(diagnosis_text(diagnosis, rig, measurement))
+    say(diagnosis_text(diagnosis, rig, measurement, width=terminal_width()))
     if options.json:
         _write_json(options.json, diagnosis_json(diagnosis, rig, measurement))
 
@@ -125,16 +128,19 @@ def simulate(options: argparse.Namespace) -> None:
     if options.like and options.orders:
         raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     use_double_precision()
-    from rotorjax.data.rig import read_measurement, read_rig
+    from rotorjax.data.rig import read_rig
     from rotorjax.data.simulate import noisy, plan_like, plan_speeds
     from rotorjax.physics.stability import steadiness
     from rotorjax.reporting.comparison import objections
+    from rotorjax.reporting.tables import wrapped
 
     rig = read_rig(options.rig)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
+    if abs(options.seed) > LARGEST_SEED:
+        raise InputError(f"--seed {options.seed}: must be a whole number of at most {LARGEST_SEED}")
     plan = (
-        plan_like(read_measurement(options.like, rig))
+        plan_like(_measurement(options.like, rig))
         if options.like
         else plan_speeds(rig, options.speeds, options.orders or "1")
     )
@@ -148,36 +154,16 @@ def simulate(options: argparse.Namespace) -> None:
     full = model.plus(additions)
     made = noisy(full, plan, noise_um=options.noise_um, seed=options.seed)
     rig.write_measurement(options.output, made)
-    print(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
+    say(f"{int(made.present.sum())} vectors of {len(made.runs)} runs written to {options.output}")
     for line in (*objections(full), *steadiness(full, plan.conditions)):
-        print(line)
+        say(wrapped(line, terminal_width()))
 
 
 def effects(options: argparse.Namespace) -> None:
-    """The catalogue, or one page of it."""
-    from importlib.resources import files
+    """The catalogue, or one page of it, or what a word finds in it."""
+    from rotorjax.cli.catalogue import effect_told
 
-    from rotorjax.reporting.tables import Table
-
-    catalogue = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
-    if options.name is None:
-        rows = [
-            [effect["family"], name, effect["meaning"]]
-            for name, effect in catalogue.items()
-            if not name.startswith("term_")
-        ]
-        note = (
-            "\n`rotorjax effects NAME` shows its equation, parameters, prior scales and source.\nSimple terms of a "
-            "missing force, along one axis: "
-        )
-        note += ", ".join(name for name in catalogue if name.startswith("term_")) + "."
-        print(Table("", ["family", "effect", "what it is"], rows, note).text())
-    elif options.name in catalogue:
-        print(catalogue[options.name]["page"])
-    else:
-        from rotorjax.data.section import nearest
-
-        raise InputError(f"unknown effect {options.name!r}; {nearest(options.name, catalogue)}")
+    say(effect_told(options.name, terminal_width()))
 
 
 def paper(options: argparse.Namespace) -> None:
@@ -187,18 +173,16 @@ def paper(options: argparse.Namespace) -> None:
     from rotorjax.paper.study import Study
 
     prepare(options.output)
-    print(
-        reproduce(Study(progress=lambda line: print(f"{line} ...", file=sys.stderr)), options.output),
-        f"\nWritten to {options.output}: begin with README.md.",
-        sep="\n",
-    )
+    say(reproduce(Study(progress=lambda line: print(f"{line} ...", file=sys.stderr)), options.output))
+    say(f"\nWritten to {options.output}: begin with README.md.")
 
 
 def example(options: argparse.Namespace) -> None:
     """A table, a rig file and what to type."""
     from rotorjax.data.example import write_example
+    from rotorjax.reporting.tables import wrapped
 
-    print(write_example(options.folder))
+    say(wrapped(write_example(options.folder), terminal_width()))
 
 
 def use_double_precision() -> None:
@@ -223,29 +207,22 @@ def _cache_folder() -> str | None:
 
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
     from rotorjax.data.rig import read_rig
-    from rotorjax.data.table import read_table
 
     rig = read_rig(options.rig)
-    table = read_table(options.data, probes=rig.model.layout.probes)
+    return rig, _measurement(options.data, rig)
+
+
+def _measurement(path: Path, rig: "Rig") -> "Measurement":
+    """A table of a rig, notes on what was tolerated on standard error."""
+    from rotorjax.data.table import read_table
+
+    table = read_table(path, probes=rig.model.layout.probes)
     for note in table.notes:
-        print(f"rotorjax: note: {note}", file=sys.stderr)
-    return rig, rig.measurement(table, options.data)
+        complain(f"note: {note}")
+    return rig.measurement(table, path)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
     from rotorjax.data.files import write_whole
 
     write_whole(path, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def _say(text: str) -> None:
-    """Print; that the reader of a pipe has seen enough does not cost the files asked for."""
-    try:
-        print(text, flush=True)
-    except BrokenPipeError:
-        leave_output()
-
-
-def leave_output() -> None:
-    """Nobody reads standard output any more; Python would complain once more when it closes it."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

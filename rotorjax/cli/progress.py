@@ -2,16 +2,15 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import socket
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    pass
+from rotorjax.data.names import harmless
 
 INTERRUPTED = 130
 TICK_S = 1.0
@@ -27,9 +26,12 @@ def progress_line() -> Iterator[Callable[[str], None]]:
     began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
 
     def show(line: str) -> None:
-        elapsed = f"{time.monotonic() - began:4.0f} s"
+        told = f"{time.monotonic() - began:4.0f} s  {harmless(line)}"
+        if terminal:
+            # What is cut off would stand on a line that the next one does not replace.
+            told = f"{told} ..."[: shutil.get_terminal_size().columns - 1]
         print(
-            f"\r\x1b[K{elapsed}  {line} ..." if terminal else f"{elapsed}  {line}",
+            f"\r\x1b[K{told}" if terminal else told,
             end="" if terminal else "\n",
             file=sys.stderr,
             flush=True,

@@ -1,40 +1,97 @@
 """Text files read with a clear refusal; files written whole or not at all."""
 
 import os
+import re
 import tempfile
 from pathlib import Path
 
 from rotorjax.errors import InputError
 
+_EXPORT = "export it as text: a table as CSV, a rig file as TOML"
+_SHEET = "save the sheet as text (in Excel: 'CSV UTF-8')"
+_UNPACK = "unpack it first"
+_KINDS: tuple[tuple[bytes, str, str], ...] = (
+    (rb"PK\x03\x04.{0,4000}?(\[Content_Types\]|xl/)", "an Excel workbook (.xlsx)", _SHEET),
+    (rb"PK\x03\x04.{26}mimetypeapplication/vnd\.oasis", "an OpenDocument file (.ods)", _SHEET),
+    (rb"PK\x03\x04.{26}[^/]{0,80}?\.npy", "a NumPy archive (.npz)", _EXPORT),
+    (rb"PK\x03\x04", "a ZIP archive (an Excel workbook is one, too)", f"{_UNPACK}, or {_SHEET}"),
+    (rb"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", _SHEET),
+    (rb"PAR1", "a Parquet file", _EXPORT),
+    (rb"ARROW1", "an Arrow file", _EXPORT),
+    (rb"MATLAB 5\.0 MAT-file|MATLAB 7\.3 MAT-file", "a MATLAB file (.mat)", _EXPORT),
+    (rb"\x89HDF\r\n", "an HDF5 file (a MATLAB file of version 7.3 is one, too)", _EXPORT),
+    (rb"\x93NUMPY", "a NumPy array (.npy)", _EXPORT),
+    (rb"TDSm", "a TDMS file", _EXPORT),
+    (rb"RIFF....WAVE", "a WAV recording", _EXPORT),
+    (rb"SQLite format 3", "an SQLite database", _EXPORT),
+    (rb"\x1f\x8b", "compressed by gzip", _UNPACK),
+    (rb"BZh\d1AY", "compressed by bzip2", _UNPACK),
+    (rb"\xfd7zXZ", "compressed by xz", _UNPACK),
+    (rb"7z\xbc\xaf", "a 7-Zip archive", _UNPACK),
+    (rb"%PDF-", "a PDF document", _EXPORT),
+    (rb"\x89PNG|\xff\xd8\xff|GIF8", "a picture", _EXPORT),
+)
+"""How a file begins -> what it is, and the cure."""
+_CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+"""Bytes that no text in any encoding of one byte per character has. Escape has a message of its own."""
+_SAMPLE = 8192
+
 
 def read_text(path: Path) -> str:
     """The text of a UTF-8 file, with or without byte order mark.
 
-    **Errors.** `InputError` if the file cannot be opened or is in another encoding.
+    **Errors.** `InputError` if the file cannot be opened, is no text, which is said, or is in another encoding.
     """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the path of a file in it")
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; give the path of a readable file") from error
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(f"{path}: encoded as UTF-16; save it as UTF-8 (for a table in Excel: 'CSV UTF-8')")
+    wide = _wide_encoding(raw)
+    if wide:
+        raise InputError(f"{path}: encoded as {wide}; save it as UTF-8 (for a table in Excel: 'CSV UTF-8')")
+    for begins, kind, cure in _KINDS:
+        if re.match(begins, raw[:_SAMPLE], re.DOTALL):
+            raise InputError(f"{path}: {kind}, not a text file; {cure}")
+    if b"\0" in raw:
+        raise InputError(f"{path}: a binary file (it holds zero bytes), not a text file; {_EXPORT}")
     try:
-        text = raw.decode("utf-8-sig")
+        return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if _CONTROLS.search(raw[:_SAMPLE]):
+            raise InputError(f"{path}: a binary file, not a text file; {_EXPORT}") from error
         line = raw[: error.start].count(b"\n") + 1
         raise InputError(
             f"{path}:{line}: not UTF-8; save the file as UTF-8 (for a table in Excel: 'CSV UTF-8')"
         ) from error
-    if "\0" in text:
-        raise InputError(f"{path}: holds zero bytes, so it is not a text file; give a CSV or TOML file")
-    return text
+
+
+def _wide_encoding(raw: bytes) -> str:
+    """The encoding with two or four bytes for every character, by its byte order mark or its zero bytes."""
+    if raw.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        return "UTF-32"
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "UTF-16"
+    sample = raw[:_SAMPLE]
+    halves = [half.count(0) for half in (sample[::2], sample[1::2])]
+    all_of_one = len(sample) >= 4 and max(halves) >= 0.9 * (len(sample) // 2) and min(halves) == 0
+    return "UTF-16 without a byte order mark" if all_of_one else ""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there.
+    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there. What
+    is no plain file, such as /dev/stdout, is written to, not replaced.
 
     **Errors.** `InputError` if the folder is missing or cannot be written to.
     """
+    data = content.encode() if isinstance(content, str) else content
+    if path.exists() and not path.is_file():
+        try:
+            path.write_bytes(data)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another path") from error
+        return
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
@@ -43,7 +100,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
         ) from error
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            file.write(data)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:

@@ -27,6 +27,7 @@ from rotorjax.data.rig_sections import (
 )
 from rotorjax.data.section import Document, nearest
 from rotorjax.data.table import Table, read_table, write_table
+from rotorjax.data.waveform_sections import check_recordings, check_waveform
 from rotorjax.effects.terms import NAMED
 from rotorjax.errors import InputError
 from rotorjax.model.conditions import Layout, Probes
@@ -171,6 +172,8 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     )  # fmt: skip
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = effects_of(document, layout, catalog)
+    check_waveform(document, tuple(model_parts[1]))
+    check_recordings(document, tuple(runs))
     document.raise_problems()
     model = _assemble(model_parts[0], model_parts[1], participation, slow_roll)
     orders = {order for _, _, named in declared for order in named}

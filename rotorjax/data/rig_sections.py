@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -9,10 +10,14 @@ import numpy as np
 
 from rotorjax.data.measurement import Installed, Limits, Row, Uncertain
 from rotorjax.data.section import Document, Section, nearest
+from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
 from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
 
+_ORDER = re.compile(r"[0-9]{1,4}(\.[0-9]{1,6})?X")
+MOST_HOLES = 720
+"""For correction masses, every half degree."""
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
 
 
@@ -63,6 +68,8 @@ class Plane(NamedTuple):
 def rotor_of(document: Document, rotation: str) -> dict[str, Any]:
     """What the model's rotor is made of; nothing where the section is missing."""
     section = document.section("rotor")
+    if section.reported:
+        return {}
     if not section.data:
         document.report(("rotor",), "section is missing; give mass_kg, stiffness_n_per_m and damping_ratio")
         return {}
@@ -99,6 +106,8 @@ def probes_of(document: Document) -> dict[str, tuple[float, float, float]]:
     section = document.section("probes")
     probes = {}
     for name, table in section.tables():
+        if not name.strip():
+            document.report(("probes", name), "a probe needs a name, like X")
         if set(name) & set(".,:="):
             document.report(("probes", name), "a probe's name must not hold any of . , : = (they separate parameters)")
         angle = DEGREE * table.number("angle_deg")
@@ -131,8 +140,8 @@ def _holes(table: Section) -> int | None:
     if "holes" not in table:
         return None
     count = table.number("holes", least=3.0)
-    if math.isfinite(count) and count != int(count):
-        table.problem("holes", "must be a whole number of evenly spaced holes")
+    if math.isfinite(count) and (count != int(count) or count > MOST_HOLES):
+        table.problem("holes", f"must be a whole number of evenly spaced holes, {MOST_HOLES} at most")
     return int(count) if math.isfinite(count) else None
 
 
@@ -154,7 +163,7 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
             plane = weight.raw("plane", next(iter(planes)))
             if "plane" not in weight and len(planes) > 1:
                 weight.problem("plane", f"is missing; say which of {', '.join(planes)}")
-            elif plane not in planes:
+            elif not isinstance(plane, str) or plane not in planes:
                 weight.problem("plane", f"unknown plane {plane!r}; {nearest(str(plane), planes)}")
                 plane = next(iter(planes))
             pair = convention.vector(
@@ -252,7 +261,7 @@ def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[s
     priors = {}
     for name, table in document.section("prior").tables():
         if name not in catalog:
-            document.report(("prior", name), f"unknown effect; {nearest(name, catalog)}")
+            document.report(("prior", name), f"unknown effect; {nearest_effect(name, catalog)}")
             continue
         declared = [p.name for p in catalog[name].parameters()]
         priors[name] = {key: table.number(key, above=0.0) for key in declared if key in table}
@@ -268,7 +277,7 @@ def effects_of(
     declared = []
     for name, table in document.section("effects").tables():
         if name not in catalog:
-            document.report(("effects", name), f"unknown effect; {nearest(name, catalog)}")
+            document.report(("effects", name), f"unknown effect; {nearest_effect(name, catalog)}")
             continue
         orders = _orders_named(catalog[name], table.data)
         known = layout._replace(orders=orders or layout.orders)
@@ -284,11 +293,7 @@ def _orders_named(cls: type[Effect], data: dict[str, Any]) -> tuple[float, ...]:
         if "order" in declared.axes and isinstance(per_probe := data.get(declared.name), dict):
             for per_order in per_probe.values():
                 if isinstance(per_order, dict):
-                    orders |= {
-                        float(key[:-1])
-                        for key in per_order
-                        if key.endswith("X") and key[:-1].replace(".", "", 1).isdigit()
-                    }
+                    orders |= {float(key[:-1]) for key in per_order if _ORDER.fullmatch(key)}
     return tuple(sorted(orders))
 
 

@@ -9,19 +9,31 @@ from pathlib import Path
 from typing import Any
 
 from rotorjax.data.files import read_text
+from rotorjax.data.names import harmless, unseen
 from rotorjax.errors import InputError
 
 LARGEST = 1e15
 """No number of a rig file is larger, not even a stiffness in N/m."""
 _REQUIRED = object()
-_HEADER = re.compile(r"^\s*\[+\s*(.+?)\s*\]+\s*(#.*)?$")
-_KEY = re.compile(r"^\s*([A-Za-z0-9_.\"'-]+)\s*=")
+_NAME = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
+_KEY = re.compile(rf"^\s*({_NAME}(?:\s*\.\s*{_NAME})*)\s*=")
+_HEADER = re.compile(rf"^\s*\[{{1,2}}\s*({_NAME}(?:\s*\.\s*{_NAME})*)\s*\]{{1,2}}\s*(?:\#.*)?$")
+_LONGEST = 60
+"""Characters of a value that a message repeats."""
+_KINDS = {"runs": "run name", "probes": "probe name", "planes": "plane name", "recordings": "file name"}
+
+
+def close_to(name: str, known: Iterable[str], likeness: float) -> list[str]:
+    """The known name that is spelled most alike, if any is alike enough."""
+    return difflib.get_close_matches(name.lower(), known, 1, likeness) or difflib.get_close_matches(
+        name, known, 1, likeness
+    )
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` or the list of what is known: the end of a message about an unknown name."""
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, 1, 0.5) or [known for known in names if name and name in known][:1]
+    near = close_to(name, names, 0.5) or [known for known in names if name and name in known][:1]
     if near:
         return f"did you mean {near[0]!r}?"
     return f"known here: {', '.join(names)}" if names else "remove it"
@@ -34,23 +46,29 @@ class Document:
         self.path = path
         self.text = read_text(path)
         self.problems: list[str] = []
-        try:
-            self.data = tomllib.loads(self.text)
-        except tomllib.TOMLDecodeError as error:
-            where = re.search(r"at line (\d+)", str(error))
-            place = f"{path}:{where[1]}" if where else str(path)
-            raise InputError(
-                f"{place}: not valid TOML: {error}; mend that line, or give the rig file if this is another"
-            ) from error
+        if not self.text.strip():
+            raise InputError(f"{path}: the file is empty; `rotorjax example DIR` writes a rig file to start from")
+        self.data = _parsed(path, self.text)
         self._lines: dict[str, int] = {}
         header = ""
-        for number, line in enumerate(self.text.splitlines(), start=1):
-            if match := _HEADER.match(line):
-                header = match[1].replace('"', "").replace("'", "")
+        for number, line in enumerate(self.text.split("\n"), start=1):
+            if match := _HEADER.match(line.rstrip("\r")):
+                header = _joined(match[1])
                 self._lines.setdefault(header, number)
             elif match := _KEY.match(line):
-                key = match[1].replace('"', "").replace("'", "")
+                key = _joined(match[1])
                 self._lines.setdefault(f"{header}.{key}" if header else key, number)
+        self._refuse_unseen((), self.data)
+
+    def _refuse_unseen(self, path: tuple[str, ...], value: Any) -> None:
+        """Report keys with characters that are not seen, such as an escape: they are names that will be printed."""
+        for key, inner in value.items() if isinstance(value, dict) else ():
+            if control := unseen(key):
+                kind = _KINDS.get(path[0], "key") if path else "section"
+                self.report((*path, key), f"{kind} holds the control character {control}; delete it")
+            self._refuse_unseen((*path, key), inner)
+        for inner in value if isinstance(value, list) else ():
+            self._refuse_unseen(path, inner)
 
     def section(self, name: str) -> "Section":
         """A table of the top level, empty if absent."""
@@ -64,13 +82,47 @@ class Document:
         """File, line of the key or of the nearest table above it, and the key."""
         for length in range(len(path), 0, -1):
             if line := self._lines.get(".".join(path[:length])):
-                return f"{self.path}:{line}: {'.'.join(path)}"
-        return f"{self.path}: {'.'.join(path)}"
+                return f"{self.path}:{line}: {harmless('.'.join(path))}"
+        return f"{self.path}: {harmless('.'.join(path))}"
 
     def raise_problems(self) -> None:
         """Raise if anything was reported."""
         if self.problems:
             raise InputError(*self.problems)
+
+
+def _parsed(path: Path, text: str) -> dict[str, Any]:
+    """A TOML document.
+
+    **Errors.** `InputError` with line and column.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise InputError(f"{path}: not valid TOML: nested too deeply; mend the brackets") from error
+    except ValueError as error:
+        where = re.search(r"at line (\d+)", str(error))
+        last = len(text.rstrip().split("\n")) if "end of document" in str(error) else None
+        line = where[1] if where else last
+        place = f"{path}:{line}" if line else str(path)
+        if "Exceeds the limit" in str(error):
+            raise InputError(f"{place}: holds a number of thousands of digits; mend it") from error
+        twice = " (the same key or section appears twice)" if "overwrite" in str(error) or "twice" in str(error) else ""
+        raise InputError(
+            f"{place}: not valid TOML: {error}{twice}; mend that line, or give the rig file if this is another"
+        ) from error
+
+
+def _joined(key: str) -> str:
+    """A key as it is written, quoted or dotted, with plain dots between its parts."""
+    parts = re.findall(_NAME, key)
+    return ".".join(next(iter(tomllib.loads(f"{part} = 0"))) for part in parts)
+
+
+def shown(value: Any) -> str:
+    """A value as Python writes it, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 class Section:
@@ -79,8 +131,10 @@ class Section:
     def __init__(self, document: Document, path: tuple[str, ...], data: Any):
         self.document, self.path = document, path
         self.asked: set[str] = set()
+        self.reported = not isinstance(data, dict)
+        """Whether this is no table at all, so that what it lacks needs no message of its own."""
         if not isinstance(data, dict):
-            document.report(path, f"must be a table, not {data!r}")
+            document.report(path, f"must be a table, not {shown(data)}")
             data = {}
         self.data: dict[str, Any] = data
 
@@ -90,6 +144,11 @@ class Section:
     def problem(self, key: str, rule: str) -> None:
         """Note a problem at one of this table's keys."""
         self.document.report((*self.path, key), rule)
+
+    def missing(self, key: str, cure: str) -> None:
+        """Note that a key is missing."""
+        if not self.reported:
+            self.problem(key, f"is missing; {cure}")
 
     def raw(self, key: str, default: Any = None) -> Any:
         """The value as parsed, unchecked."""
@@ -102,18 +161,18 @@ class Section:
         """A finite number, greater than ``above`` and at least ``least``."""
         value = self.raw(key, default)
         if value is _REQUIRED:
-            self.problem(key, "is missing; give a number")
+            self.missing(key, "give a number")
             return math.nan
         return self.checked(key, value, above=above, least=least)
 
     def checked(self, key: str, value: Any, *, above: float = -math.inf, least: float = -math.inf) -> float:
         """The same check for a value found elsewhere."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.problem(key, f"must be a number, not {value!r}")
-        elif not math.isfinite(value):
+            self.problem(key, f"must be a number, not {shown(value)}")
+        elif isinstance(value, float) and not math.isfinite(value):
             self.problem(key, f"must be finite, not {value}")
         elif abs(value) > LARGEST:
-            self.problem(key, f"{value:g} is beyond any rotor; check its unit")
+            self.problem(key, f"{shown(value)} is beyond any rotor; check its unit")
         elif not value > above:
             self.problem(key, f"must be above {above:g}, not {value:g}")
         elif not value >= least:
@@ -126,7 +185,7 @@ class Section:
         """``{ x = 1.0, y = 2.0 }``, or one number for both."""
         value = self.raw(key)
         if value is None:
-            self.problem(key, "is missing; give { x = ..., y = ... }")
+            self.missing(key, "give { x = ..., y = ... }")
             return math.nan, math.nan
         if not isinstance(value, dict):
             one = self.checked(key, value, above=above, least=least)
@@ -140,7 +199,7 @@ class Section:
         """One of a few words; the first is the default."""
         value = self.raw(key, options[0])
         if value not in options:
-            self.problem(key, f"{value!r} is not one of {', '.join(map(repr, options))}")
+            self.problem(key, f"{shown(value)} is not one of {', '.join(map(repr, options))}")
             return options[0]
         return value
 
@@ -148,7 +207,7 @@ class Section:
         """True or false; false if absent."""
         value = self.raw(key, False)
         if not isinstance(value, bool):
-            self.problem(key, f"must be true or false, not {value!r}")
+            self.problem(key, f"must be true or false, not {shown(value)}")
         return value is True
 
     def table(self, key: str) -> "Section":

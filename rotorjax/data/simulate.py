@@ -7,10 +7,14 @@ import numpy as np
 
 from rotorjax.data.measurement import Measurement, Row, arrange, require_steady
 from rotorjax.data.rig import Rig
+from rotorjax.data.table import HIGHEST_ORDER, LARGEST
 from rotorjax.errors import InputError
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.units import MICROMETRE
+
+MOST_SPEEDS = 100_000
+"""Speeds of a simulated table."""
 
 
 def plan_like(measurement: Measurement) -> Measurement:
@@ -24,18 +28,22 @@ def plan_speeds(rig: Rig, speeds: str, orders: str) -> Measurement:
     **Errors.** `InputError` if either cannot be read, or the rig file has no runs.
     """
     try:
-        low, high, count = speeds.split(":")
-        grid = np.linspace(float(low), float(high), int(count))
-        if not (len(grid) and np.all(grid > 0.0) and np.all(np.isfinite(grid))):
+        low, high, count = (kind(part) for kind, part in zip((float, float, int), speeds.split(":"), strict=True))
+        if not (0.0 < low < LARGEST and 0.0 < high < LARGEST and count > 0):
             raise ValueError(speeds)
     except ValueError as error:
         raise InputError(f"--speeds {speeds}: write LOW:HIGH:COUNT in rpm, like 600:3500:15") from error
+    if count > MOST_SPEEDS:
+        raise InputError(f"--speeds {speeds}: {count} speeds are too many; give at most {MOST_SPEEDS}")
+    grid = np.linspace(low, high, int(count))
     try:
         numbers = [float(order) for order in orders.split(",")]
         if not all(np.isfinite(numbers)) or min(numbers) < 0.0:
             raise ValueError(orders)
     except ValueError as error:
         raise InputError(f"--orders {orders}: write numbers separated by commas, like 1,2") from error
+    if max(numbers) > HIGHEST_ORDER:
+        raise InputError(f"--orders {orders}: no order is above {HIGHEST_ORDER:g}; give multiples of the speed")
     if not rig.runs:
         raise InputError(f"{rig.path}: no runs to simulate; add [runs.baseline] with what is installed in it")
     probes = rig.model.layout.probes

@@ -4,18 +4,24 @@ import csv
 import difflib
 import io
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from rotorjax.data.columns import hint, suspicious
 from rotorjax.data.files import read_text, write_whole
 from rotorjax.data.measurement import Row
+from rotorjax.data.names import unseen
 from rotorjax.errors import InputError
 
 REQUIRED = ("run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg")
 OPTIONAL = ("sigma_um", "repeat")
 LARGEST = 1e9
 """No amplitude in µm, speed in rpm or angle in degrees is larger."""
+HIGHEST_ORDER = 100.0
+"""No order of a vibration vector is higher."""
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(([,. '’\u00a0\u202f])\d{3})(\2\d{3})*([.,]\d+)?")
 _DELIMITER_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
@@ -34,6 +40,10 @@ class _Header(NamedTuple):
     columns: dict[str, int]
     width: int
 
+    def place(self, line: str, name: str) -> str:
+        """A cell of a line: number and name of its column."""
+        return f"{line}: column {self.columns[name] + 1} ({name})"
+
 
 def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
     """Read a measurement table as it is written, conventions not yet applied.
@@ -43,7 +53,7 @@ def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
     that cannot be read at all.
     """
     text = read_text(path)
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    lines = [(number, line) for number, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1) if line.strip()]
     if not lines:
         raise InputError(f"{path}: the file is empty; its first line must be the header {','.join(REQUIRED)}")
     notes: list[str] = []
@@ -60,6 +70,7 @@ def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
     problems += _duplicates(path, rows, numbers)
     if len(lines) == 1:
         problems.append(f"{path}: no rows below the header; write one per run, speed, probe and order")
+    notes += [f"{path}: {note}" for note in suspicious(rows)]
     return Table(rows, numbers, notes, problems)
 
 
@@ -69,23 +80,29 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 def _read_header(path: Path, number: int, line: str, notes: list[str]) -> _Header:
     delimiter = max(_DELIMITER_NAMES, key=line.count)
-    names = _split(line, delimiter)
+    names = _names(f"{path}:{number}", line, delimiter)
     problems = []
-    if not set(names) & {*REQUIRED, *OPTIONAL}:
-        raise InputError(f"{path}:{number}: no header; the first line must be {','.join(REQUIRED)},sigma_um")
     for name in sorted({n for n in names if names.count(n) > 1}):
         problems.append(f"{path}:{number}: column {name!r} appears {names.count(name)} times; keep one")
     missing = [name for name in REQUIRED if name not in names]
     absent = missing + [name for name in OPTIONAL if name not in names]
+    stood_for = set()
     for column, name in enumerate(names, start=1):
         if name in REQUIRED or name in OPTIONAL:
             continue
+        place = f"{path}:{number}: column {column} ({name!r})"
         near = difflib.get_close_matches(name.lower(), absent, 1, 0.6)
-        if near:
-            problems.append(f"{path}:{number}: column {column} ({name!r}) is unknown; did you mean {near[0]!r}?")
+        if meant := hint(name, absent):
+            problems.append(f"{place} {meant[1]}")
+            stood_for.add(meant[0])
+        elif near:
+            problems.append(f"{place} is unknown; did you mean {near[0]!r}?")
+            stood_for.add(near[0])
         else:
-            notes.append(f"{path}:{number}: column {column} ({name!r}) is ignored")
+            notes.append(f"{place} is ignored")
     for name in missing:
+        if name in stood_for:
+            continue
         problems.append(f"{path}:{number}: column {name!r} is missing; the header must hold {','.join(REQUIRED)}")
     if problems:
         raise InputError(*problems)
@@ -93,6 +110,23 @@ def _read_header(path: Path, number: int, line: str, notes: list[str]) -> _Heade
         with_commas = " with decimal commas" if delimiter == ";" else ""
         notes.append(f"{path}: read as a table separated by {_DELIMITER_NAMES[delimiter]}{with_commas}")
     return _Header(delimiter, {name: names.index(name) for name in (*REQUIRED, *OPTIONAL) if name in names}, len(names))
+
+
+def _names(place: str, line: str, delimiter: str) -> list[str]:
+    """Names in the header; a line that cannot be one is refused."""
+    whole = f"the first line must be {','.join(REQUIRED)},sigma_um"
+    if re.match(r"\s*\[[^],;]*\]\s*(#.*)?$", line):
+        raise InputError(f"{place}: no header, but what looks like a rig file, which goes with --rig; {whole}")
+    try:
+        names = _split(line, delimiter)
+    except csv.Error as error:
+        raise InputError(f"{place}: {error}; {whole}") from error
+    known = set(names) & {*REQUIRED, *OPTIONAL}
+    if not known and any(_number(name, decimal_comma=delimiter == ";") is not None for name in names):
+        raise InputError(f"{place}: no header; {whole}")
+    if len(names) == 1:
+        raise InputError(f"{place}: no header of several columns separated by commas; {whole}")
+    return names
 
 
 def _cells(place: str, line: str, header: _Header, problems: list[str]) -> list[str] | None:
@@ -103,9 +137,10 @@ def _cells(place: str, line: str, header: _Header, problems: list[str]) -> list[
         return None
     if len(cells) != header.width:
         named = _DELIMITER_NAMES[header.delimiter]
+        quotes = "close the quotation mark and " if line.count('"') % 2 else ""
         problems.append(
-            f"{place}: {len(cells)} cells, the header has {header.width}; separate exactly {header.width} cells by "
-            f"{named}"
+            f"{place}: {len(cells)} cells, the header has {header.width}; {quotes}separate exactly {header.width} "
+            f"cells by {named}{_as_commas(header)}"
         )
         return None
     return cells
@@ -118,30 +153,30 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
     before = len(problems)
 
     def where(name: str) -> str:
-        return f"{place}: column {header.columns[name] + 1} ({name})"
+        return header.place(place, name)
 
     def number(name: str, least: float, *, strict: bool) -> float:
         value = _number(cells[header.columns[name]], decimal_comma=header.delimiter == ";")
         if value is None:
-            problems.append(
-                f"{where(name)}: {cells[header.columns[name]]!r} is not a finite number; write it like 12.5"
-            )
+            written = cells[header.columns[name]]
+            cure = "leave out the separator of thousands" if _THOUSANDS.fullmatch(written) else "write it like 12.5"
+            problems.append(f"{where(name)}: {written!r} is not a finite number; {cure}{_as_commas(header)}")
             return math.nan
         if abs(value) > LARGEST:
             problems.append(f"{where(name)}: {value:g} is beyond anything measured; check its unit")
+        if name == "order" and value > HIGHEST_ORDER:
+            problems.append(
+                f"{where(name)}: {value:g} is above {HIGHEST_ORDER:g}; check that it is a multiple of the speed"
+            )
         if value < least or (strict and value == least):
             problems.append(f"{where(name)}: {value:g} must be {'above' if strict else 'at least'} {least:g}")
         return value
 
-    run, probe = cells[header.columns["run"]], cells[header.columns["probe"]]
-    if not run:
-        problems.append(f"{where('run')}: empty; name the run")
-    if probes is not None and probe not in probes:
-        problems.append(f"{where('probe')}: unknown probe {probe!r}; the rig file has {', '.join(probes)}")
+    problems += _names_wrong(place, cells, header, probes)
     row = Row(
-        run,
+        cells[header.columns["run"]],
         number("speed_rpm", 0.0, strict=True),
-        probe,
+        cells[header.columns["probe"]],
         number("order", 0.0, strict=False),
         number("amplitude_um", 0.0, strict=False),
         number("phase_deg", -math.inf, strict=False),
@@ -151,6 +186,27 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
     if row.order == 0.0 and row.amplitude_um > 0.0 and row.phase_deg % 180.0 != 0.0:
         problems.append(f"{where('phase_deg')}: order 0 is a constant offset; its phase must be 0 or 180")
     return row if len(problems) == before else None
+
+
+def _names_wrong(place: str, cells: list[str], header: _Header, probes: list[str] | None) -> list[str]:
+    """What is wrong with the names of run, probe and repeat."""
+    problems = [
+        f"{header.place(place, name)}: holds the control character {control}; delete it"
+        for name in ("run", "probe", "repeat")
+        if name in header.columns and (control := unseen(cells[header.columns[name]]))
+    ]
+    run, probe = (cells[header.columns[name]] for name in ("run", "probe"))
+    if not run:
+        problems.append(f"{header.place(place, 'run')}: empty; name the run")
+    if probes is not None and probe not in probes and not unseen(probe):
+        known = ", ".join(probes)
+        problems.append(f"{header.place(place, 'probe')}: unknown probe {probe!r}; the rig file has {known}")
+    return problems
+
+
+def _as_commas(header: _Header) -> str:
+    """The other way out, for tables of spreadsheets that write decimal commas."""
+    return "; or save the table with commas between cells and decimal points" if header.delimiter == ";" else ""
 
 
 def _number(text: str, *, decimal_comma: bool) -> float | None:

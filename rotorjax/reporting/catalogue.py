@@ -5,16 +5,14 @@ python -m rotorjax.reporting.catalogue        writes data/catalogue.json anew; a
 
 import inspect
 import json
-import textwrap
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from rotorjax.data.synonyms import SYNONYMS
 from rotorjax.effects.terms import NAMED
 from rotorjax.model.contract import Effect, Parameter
 from rotorjax.reporting.tables import Table
-
-WIDTH = 100
 
 _QUANTITIES = {
     "one": "",
@@ -40,8 +38,8 @@ def prior_text(declared: Parameter) -> str:
     return f"{declared.scale:.3g}{_QUANTITIES[declared.of]}"
 
 
-def effect_page(cls: type[Effect]) -> str:
-    """One effect in full: meaning, equation, parameters with unit and prior scale, relatives, source."""
+def effect_page(cls: type[Effect]) -> list[str | Table]:
+    """One effect in full: meaning, equation, parameters with unit and prior scale, relatives, synonyms, source."""
     rows = [
         [
             p.name + ("" if not p.axes else f" (per {', '.join(p.axes)})"),
@@ -51,21 +49,33 @@ def effect_page(cls: type[Effect]) -> str:
         ]
         for p in cls.parameters()
     ]
-    table = Table(
-        "Parameters; zero means that the effect is absent", ["parameter", "unit", "prior scale", "meaning"], rows
-    )
-    parts = [f"{cls.name} ({cls.family}): {cls.meaning}", inspect.cleandoc(cls.__doc__ or ""), table.text()]
+    headers = ["parameter", "unit", "prior scale", "meaning"]
+    table = Table("Parameters; zero means that the effect is absent", headers, rows, spare=["prior scale"])
+    parts = [f"{cls.name} ({cls.family}): {cls.meaning}", *_paragraphs(cls.__doc__ or ""), table]
     if cls.relatives:
         parts.append(f"Known relatives, hard to tell from it: {', '.join(cls.relatives)}")
     parts.append(f"Enough to find it, or what it ties with: {cls.sufficient}")
+    if cls.name in SYNONYMS:
+        parts.append(f"Also looked for as: {', '.join(SYNONYMS[cls.name])}")
     parts.append(f"Source: {cls.source}")
-    return "\n\n".join("\n".join(textwrap.wrap(part, WIDTH)) if "\n" not in part else part for part in parts)
+    return parts
+
+
+def _paragraphs(docstring: str) -> list[str]:
+    """A docstring's paragraphs as one line each, but where lines are indented."""
+    paragraphs = inspect.cleandoc(docstring).split("\n\n")
+    return [part if "\n " in part else part.replace("\n", " ") for part in paragraphs]
 
 
 def snapshot() -> dict[str, dict[str, Any]]:
-    """What data/catalogue.json holds: family, meaning and page of every effect."""
+    """What data/catalogue.json holds: family, meaning and page of every effect, tables as their fields."""
     return {
-        name: {"family": cls.family, "meaning": cls.meaning, "page": effect_page(cls)} for name, cls in NAMED.items()
+        name: {
+            "family": cls.family,
+            "meaning": cls.meaning,
+            "page": [part._asdict() if isinstance(part, Table) else part for part in effect_page(cls)],
+        }
+        for name, cls in NAMED.items()
     }
 
 

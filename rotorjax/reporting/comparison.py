@@ -15,7 +15,7 @@ from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.model.model import Model
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.sizes import Size, sizes
-from rotorjax.reporting.tables import Table, number
+from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 WORST = 8
@@ -109,7 +109,8 @@ def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
         "phase error °",
     ]
     rows = [_cell_row(cell) for cell in cells[:count]]
-    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows)
+    spare = ["model µm", "amplitude ratio", "phase error °", "std. errors", "measured µm"]
+    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows, spare=spare)
 
 
 def _cell_row(cell: Cell) -> list[str]:
@@ -163,14 +164,16 @@ def fall_table(story: Story) -> Table:
         rows.append([label, number(view.rms / MICROMETRE), held, number(chi2), state])
     reason = story.fits[-1].held_out_reason if story.fits else ""
     note = f"Nothing held out: {reason}." if reason else ""
-    return Table("The error as effects are added", ["step", "rms µm", "held out µm", "chi² / freedom", ""], rows, note)
+    headers = ["step", "rms µm", "held out µm", "chi² / freedom", ""]
+    return Table("The error as effects are added", headers, rows, note, spare=["chi² / freedom", "held out µm"])
 
 
 def parameter_table(fitted: Fit) -> Table:
     """Fitted parameters with 95 % intervals, and what their prior was."""
     rows = [_parameter_row(e, fitted.quantile) for e in fitted.estimates]
     note = "In rig files and with --effect the same values are in SI, the unit at the end of the name."
-    return Table("Parameters (95 % intervals)", ["parameter", "value", "±", "unit", "prior ±", "remark"], rows, note)
+    headers = ["parameter", "value", "±", "unit", "prior ±", "remark"]
+    return Table("Parameters (95 % intervals)", headers, rows, note, spare=["prior ±"])
 
 
 def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
@@ -274,15 +277,15 @@ def _why(rival: Rival, story: Story) -> str:
     return ""
 
 
-def comparison_text(story: Story) -> str:
-    """Everything that `rotorjax compare` prints."""
-    parts = [measurement_line(story.measurement), verdict(story)]
+def comparison_text(story: Story, *, width: int | None = None) -> str:
+    """Everything that `rotorjax compare` prints. **Arguments:** ``width``: columns of the terminal, if it is one."""
+    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story)]
     if story.fits:
-        parts += [table.text() for table in step_tables(story)]
+        parts += step_tables(story)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
-    parts += [worst_cells(story.last, title).text(), share_table(story.last, "Share of the misfit").text()]
-    return "\n\n".join(parts)
+    parts += [worst_cells(story.last, title), share_table(story.last, "Share of the misfit")]
+    return laid_out(parts, width, everything="--report FILE.html")
 
 
 def step_tables(story: Story) -> list[Table]:

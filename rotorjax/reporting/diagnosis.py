@@ -11,13 +11,13 @@ from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.reporting.balance import balance_json, balance_lines, diagnosed_corrections, held_unbalance
 from rotorjax.reporting.comparison import measurement_line
-from rotorjax.reporting.tables import Table, number
+from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.units import GRAM_MILLIMETRE
 
 
-def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> str:
-    """Everything that `rotorjax diagnose` prints."""
-    parts = [measurement_line(measurement), diagnosis_table(diagnosis, rig.convention).text()]
+def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement, *, width: int | None = None) -> str:
+    """Everything that `rotorjax diagnose` prints. **Arguments:** ``width``: columns of the terminal, if it is one."""
+    parts: list[str | Table] = [measurement_line(measurement), diagnosis_table(diagnosis, rig.convention)]
     if np.any(held := held_unbalance(rig)):
         size = (
             f"{number(float(np.hypot(*held)) / GRAM_MILLIMETRE)} g mm at {rig.convention.angle_deg(held) % 360.0:.0f}°"
@@ -26,7 +26,8 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> 
             f"The rig file holds an unbalance of {size} already, under [effects.{ResidualUnbalance.name}]: what is "
             "listed comes on top of it."
         )
-    return "\n\n".join([*parts, *balance_lines(diagnosed_corrections(diagnosis, rig, measurement))])
+    parts += balance_lines(diagnosed_corrections(diagnosis, rig, measurement))
+    return laid_out(parts, width, everything="--json FILE")
 
 
 def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
@@ -59,7 +60,9 @@ def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
             reasons.setdefault(run.reason, []).append(run.run)
     lines = [f"Not told apart in {_listed(runs)}: {reason}." for reason, runs in reasons.items()]
     note = "\n".join(lines)
-    return Table("Unbalance and bow", headers, rows, note)
+    return Table(
+        "Unbalance and bow", headers, rows, note, spare=["as unbalance alone g mm", "told apart", "± s.e.", "at °"]
+    )
 
 
 def _listed(runs: list[str], most: int = 6) -> str:

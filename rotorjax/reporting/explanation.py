@@ -21,7 +21,7 @@ from rotorjax.reporting.comparison import (
     worst_cells,
 )
 from rotorjax.reporting.page import Headline, Page, Picture
-from rotorjax.reporting.tables import Table, number
+from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.units import MICROMETRE, unit_of
 
 SHOWN = 6
@@ -207,9 +207,8 @@ def missing_force_table(named: NamedForce) -> Table | None:
     )
     others = sorted({words for term in named.terms for words in term.rivals})
     note += f" Nearly as well in the equation of motion: {'; '.join(others)}." if others else ""
-    return Table(
-        "Terms of the missing force", ["term", "meaning", "in the equation", "in the response", "±", "unit"], rows, note
-    )
+    headers = ["term", "meaning", "in the equation", "in the response", "±", "unit"]
+    return Table("Terms of the missing force", headers, rows, note, spare=["in the equation", "meaning"])
 
 
 def _ties(found: Explanation) -> list[str]:
@@ -280,7 +279,8 @@ def ties_table(found: Explanation) -> Table | None:
         "Predictions differ, at the readings taken, by so many standard errors rms, with what the answer leaves "
         "counted as error."
     )
-    return Table("What these data cannot tell apart", headers, rows, note)
+    spare = ["predictions differ by", "log evidence behind"]
+    return Table("What these data cannot tell apart", headers, rows, note, spare=spare)
 
 
 def _why_tied(tied: Alternative) -> str:
@@ -378,9 +378,8 @@ def ranking_tables(found: Explanation) -> list[Table]:
             [r.effect, _probability(r.probability), number(r.log_evidence, 5), _chi2(found, r)] for r in _shown(ranked)
         ]
         note = "" if step < len(found.effects) else _why_stopped(found, ranked)
-        tables.append(
-            Table(f"What is missing {beside}", ["effect", "probability", "log evidence", "chi² / freedom"], rows, note)
-        )
+        headers, spare = ["effect", "probability", "log evidence", "chi² / freedom"], ["chi² / freedom", "log evidence"]
+        tables.append(Table(f"What is missing {beside}", headers, rows, note, spare=spare))
     return tables
 
 
@@ -422,15 +421,17 @@ def cost_line(found: Explanation) -> str:
     return f"{line} Not tried when the limit was reached: {listed(cost.untried)}." if cost.exhausted else line
 
 
-def explanation_text(found: Explanation, rig: Rig | None = None) -> str:
-    """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor."""
-    parts = [measurement_line(found.story.measurement), sentence(found)]
+def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int | None = None) -> str:
+    """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor; ``width``:
+    columns of the terminal, if it is one.
+    """
+    parts: list[str | Table] = [measurement_line(found.story.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [line for line in (critical_speeds_line(found), *_to_balance(found, rig)) if line]
-    parts += [table.text() for table in explanation_tables(found)]
-    parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails").text())
+    parts += explanation_tables(found)
+    parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails"))
     parts.append(cost_line(found))
-    return "\n\n".join(parts)
+    return laid_out(parts, width, everything="--report FILE.html")
 
 
 def explanation_page(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jinja2
 
+from rotorjax.data.names import harmless
 from rotorjax.reporting.sizes import Size
 from rotorjax.reporting.tables import Table, is_number
 
@@ -59,9 +60,13 @@ class Page(NamedTuple):
 
 
 def html_report(page: Page) -> str:
-    """A report as one HTML file that needs no network. All text is escaped."""
+    """A report as one HTML file that needs no network. All text is escaped, control characters are written out."""
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: harmless(value) if type(value) is str else value,
     )
     environment.tests["numeric"] = is_number
     template = environment.from_string(

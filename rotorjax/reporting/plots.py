@@ -13,6 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
+from rotorjax.data.names import harmless
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.physics.harmonic_balance import SAMPLES
@@ -38,6 +39,13 @@ def svg(drawn: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def plain(name: str) -> str:
+    """A user's name as it is: a dollar sign begins no formula, an underline hides no entry of a legend, a control
+    character is written out.
+    """
+    return (" " if name.startswith("_") else "") + harmless(name).replace("$", r"\$")
+
+
 def bode(
     amplitude: Axes,
     phase: Axes,
@@ -60,18 +68,18 @@ def bode(
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
         speed, z = m.speed_rpm[cases], view.measured[cases, k, n] / MICROMETRE
         dots = {"color": colour, "markersize": 4.5, "zorder": 3}
-        amplitude.plot(speed, np.abs(z), "o", label=f"{run}, measured", **dots)
+        amplitude.plot(speed, np.abs(z), "o", label=f"{plain(run)}, measured", **dots)
         phase.plot(speed, curve.near(speed, np.degrees(np.angle(z))), "o", **dots)
         for axes, line, band in (
             (amplitude, curve.amplitude_um, curve.band_um),
             (phase, curve.phase_deg, curve.band_deg),
         ):
-            axes.plot(curve.speed_rpm, line, "-", color=colour, linewidth=1.3, label=f"{run}, model")
+            axes.plot(curve.speed_rpm, line, "-", color=colour, linewidth=1.3, label=f"{plain(run)}, model")
             if band is not None:
                 axes.fill_between(curve.speed_rpm, *band, color=colour, alpha=0.2, linewidth=0.0)
         if before is not None:
             old, thin = before[run], {"color": colour, "linewidth": 1.0, "alpha": 0.7}
-            amplitude.plot(old.speed_rpm, old.amplitude_um, "--", label=f"{run}, as declared", **thin)
+            amplitude.plot(old.speed_rpm, old.amplitude_um, "--", label=f"{plain(run)}, as declared", **thin)
             phase.plot(old.speed_rpm, curve.near(old.speed_rpm, old.phase_deg), "--", **thin)
     for axes in (amplitude, phase):
         low, high = axes.get_xlim()
@@ -80,7 +88,7 @@ def bode(
                 axes.axvline(speed, color="0.45", linestyle=":", linewidth=1.0, zorder=0)
         axes.grid(alpha=0.3)
     _logarithmic(amplitude)
-    amplitude.set(ylabel=f"{probe} {order:g}X amplitude, µm (0-peak)")
+    amplitude.set(ylabel=f"{plain(probe)} {order:g}X amplitude, µm (0-peak)")
     phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm")
     phase.yaxis.set_major_locator(MultipleLocator(90.0 if np.ptp(phase.get_ylim()) < 720.0 else 180.0))
     return amplitude, phase
@@ -90,9 +98,9 @@ def _logarithmic(axes: Axes) -> None:
     """A logarithmic axis of amplitudes with numbers as people write them, more of them where it spans little."""
     axes.set_yscale("log")
     low, high = axes.get_ylim()
-    plain = FuncFormatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_major_formatter(plain)
-    axes.yaxis.set_minor_formatter(plain if high < 10.0 * low else NullFormatter())
+    written = FuncFormatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_major_formatter(written)
+    axes.yaxis.set_minor_formatter(written if high < 10.0 * low else NullFormatter())
 
 
 def before_after(
@@ -125,8 +133,8 @@ def before_after(
         label="measured",
     )
     _logarithmic(axes)
-    axes.set(xlabel="speed, rpm", ylabel=f"{probe} {order:g}X, µm (0-peak)")
-    axes.set_title(f"run {run}", fontsize=9, loc="left")
+    axes.set(xlabel="speed, rpm", ylabel=f"{plain(probe)} {order:g}X, µm (0-peak)")
+    axes.set_title(f"run {plain(run)}", fontsize=9, loc="left")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3, which="both", linewidth=0.5)
     return axes
@@ -150,12 +158,12 @@ def polar(axes: Axes, view: Comparison, *, probe: str, order: float, runs: Seque
     for colour, run in zip(COLOURS, runs, strict=False):
         own = np.flatnonzero(m.run[cases] == m.runs.index(run))
         own = own[np.argsort(m.speed_rpm[cases][own], kind="stable")]
-        axes.plot(z.real[own], z.imag[own], "o-", color=colour, markersize=4, linewidth=0.9, label=run, zorder=3)
+        axes.plot(z.real[own], z.imag[own], "o-", color=colour, markersize=4, linewidth=0.9, label=plain(run), zorder=3)
         if run == runs[0]:
             _label_speeds(axes, z[own], m.speed_rpm[cases][own])
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
-    axes.set(xlabel=f"{probe} {order:g}X in phase, µm", ylabel="90° ahead, µm")
+    axes.set(xlabel=f"{plain(probe)} {order:g}X in phase, µm", ylabel="90° ahead, µm")
     axes.set_aspect("equal", adjustable="datalim")
     axes.locator_params(axis="x", nbins=5)
     axes.grid(alpha=0.3)
@@ -198,11 +206,13 @@ def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float]
     )
     axes.set_facecolor("0.85")
     several = len(m.orders) > 1
-    labels = [f"{m.probes[k]} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns]
+    labels = [
+        f"{plain(m.probes[k])} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns
+    ]
     step = max(1, len(columns) // 24)
     axes.set_xticks(range(0, len(columns), step), labels[::step], rotation=90 if len(columns) > 6 else 0, fontsize=7)
     step = max(1, len(m.runs) // 30)
-    axes.set_yticks(range(0, len(m.runs), step), m.runs[::step], fontsize=7)
+    axes.set_yticks(range(0, len(m.runs), step), list(map(plain, m.runs[::step])), fontsize=7)
     axes.set(xlabel="probe and speed, rpm")
     if axes.figure is not None:
         axes.figure.colorbar(image, ax=axes, label="|residual|, µm")
@@ -411,7 +421,12 @@ def missing_force(
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]
         axes.plot(
-            at, force, "-", color=colour, linewidth=1.2, label=f"{m.runs[m.run[case]]}, {m.speed_rpm[case]:.0f} rpm"
+            at,
+            force,
+            "-",
+            color=colour,
+            linewidth=1.2,
+            label=f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm",
         )
         axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rotorjax.data.files import write_whole
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import harmless
 from rotorjax.data.rig import Rig
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explain import Explanation
@@ -79,26 +80,31 @@ def html(result: Any) -> str:
         if isinstance(result, Measurement)
         else repr(result)
     )
-    return (f"<p>{escaping.escape(line)}</p>" if line else "") + "".join(_table(table) for table in _tables(result))
+    return (f"<p>{_escaped(line)}</p>" if line else "") + "".join(_table(table) for table in _tables(result))
+
+
+def _escaped(text: str) -> str:
+    """Text for HTML, control characters written out."""
+    return escaping.escape(harmless(text))
 
 
 def _headline(top: Headline) -> str:
     """Verdict, sizes and what to do, without pictures."""
     style = f"color:#fff;background:{COLOURS.get(top.verdict, '#516170')};padding:.1em .6em;border-radius:.3em"
-    badge = f'<span style="{style}"><b>{escaping.escape(top.verdict)}</b></span>'
+    badge = f'<span style="{style}"><b>{_escaped(top.verdict)}</b></span>'
     rows = [[name, size.what, size.value] for name, _, found in top.effects for size in found]
     sizes = _table(Table("", ["effect", "size of", "value (95 % interval)"], rows)) if rows else ""
-    lines = "".join(f"<p>{escaping.escape(line)}</p>" for line in (top.fall, *top.lines) if line)
-    return f"{badge} {escaping.escape(top.sentence)}{sizes}{lines}"
+    lines = "".join(f"<p>{_escaped(line)}</p>" for line in (top.fall, *top.lines) if line)
+    return f"{badge} {_escaped(top.sentence)}{sizes}{lines}"
 
 
 def _table(table: Table) -> str:
-    heads = "".join(f'<th style="text-align:left">{escaping.escape(head)}</th>' for head in table.headers)
+    heads = "".join(f'<th style="text-align:left">{_escaped(head)}</th>' for head in table.headers)
     rows = "".join(
-        "<tr>" + "".join(f'<td style="text-align:left">{escaping.escape(cell)}</td>' for cell in row) + "</tr>"
+        "<tr>" + "".join(f'<td style="text-align:left">{_escaped(cell)}</td>' for cell in row) + "</tr>"
         for row in table.rows
     )
-    caption = f"<caption>{escaping.escape(table.title)}</caption>" if table.title else ""
+    caption = f"<caption>{_escaped(table.title)}</caption>" if table.title else ""
     return f"<table>{caption}<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
 

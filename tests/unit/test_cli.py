@@ -1,9 +1,11 @@
 """The command line: what it prints and writes, exit statuses, nothing half-written."""
 
 import json
+import os
 import re
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -190,6 +192,21 @@ def test_effects_and_version(capsys):
             ["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--noise-um", "-1", "--output", "{new}"],
             "--noise-um -1.0",
         ),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600:900:1000000000", "--output", "{new}"],
+            "1000000000 speeds are too many",
+        ),
+        (["simulate", "--rig", "{rig}", "--speeds", "1e400:900:3", "--output", "{new}"], "write LOW:HIGH:COUNT"),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--orders", "1e9", "--output", "{new}"],
+            "no order is above 100",
+        ),
+        (
+            ["simulate", "--rig", "{rig}", "--speeds", "600:900:3", "--seed", "9" * 30, "--output", "{new}"],
+            "must be a whole number of at most",
+        ),
+        (["explain", "{data}", "--rig", "{rig}", "--only", ","], "--only: names no effect"),
+        (["compare", "{folder}", "--rig", "{rig}"], "is a folder; give the path of a file in it"),
         (["example", "{folder}"], "exists already"),
         (["compare", "{data}", "--rig", "{rig}", "--json", "{data}"], "is read by the same command"),
         (["compare", "{data}", "--rig", "{rig}", "--write-rig", "{rig}"], "is read by the same command"),
@@ -223,6 +240,20 @@ def test_bad_input(tmp_path, capsys, arguments, words):
     assert "Traceback" not in caught.err
     assert not new.exists()
     assert (taken / "rig.toml").read_text() == "mine"
+
+
+def test_what_is_no_plain_file_is_written_to_not_replaced(tmp_path):
+    """A named pipe, as /dev/stdout may be one."""
+    data, toml = write(tmp_path)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text(encoding="utf-8")))
+    reader.start()
+    assert run("compare", data, "--rig", toml, "--json", pipe) == 0
+    reader.join(10.0)
+    assert json.loads(read[0])["rms_um"] > 0.0
+    assert pipe.is_fifo()
 
 
 def test_bad_table_writes_nothing(tmp_path, capsys):

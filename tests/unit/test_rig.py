@@ -136,6 +136,82 @@ def test_refused(tmp_path, change, words):
     assert words in problems(tmp_path, RIG.replace(*change))
 
 
+WAVEFORM = """[waveform]
+sample_rate_hz = 12800
+reference = { channel = "ch4", edge = "falling", threshold = "auto" }
+X = { channel = "ch1", unit = "V", sensitivity_mv_per_um = 7.874 }
+Y = { channel = 2 }
+[recordings."a1.mat"]
+run = "trial-a"
+[recordings."baseline.mat"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("sample_rate_hz", "sample_rate"),
+            "rig.toml:12: waveform.sample_rate: unknown key; did you mean 'sample_rate_hz'?",
+        ),
+        (("12800", "-1"), "rig.toml:12: waveform.sample_rate_hz: must be above 0, not -1"),
+        (("12800", '"fast"'), "waveform.sample_rate_hz: must be a number, not 'fast'"),
+        (('channel = "ch4", ', ""), "rig.toml:13: waveform.reference.channel: is missing; name the channel"),
+        (('"ch4"', "[4]"), "waveform.reference.channel: must be the name or the number of a channel, not [4]"),
+        (("falling", "down"), "waveform.reference.edge: 'down' is not one of 'rising', 'falling'"),
+        (('"auto"', '"half"'), "waveform.reference.threshold: 'half' is not \"auto\" or a number"),
+        (('"auto"', "true"), 'waveform.reference.threshold: must be "auto" or a number'),
+        (("edge", "edg"), "waveform.reference.edg: unknown key; did you mean 'edge'?"),
+        (('"V"', '"mil"'), "waveform.X.unit: 'mil' is not one of 'um', 'V'"),
+        (("7.874", "0.0"), "waveform.X.sensitivity_mv_per_um: must not be zero"),
+        ((", sensitivity_mv_per_um = 7.874", ""), "waveform.X.sensitivity_mv_per_um: is missing"),
+        (("channel = 2", "channel = 2, sensitivity_mv_per_um = 7.9"), 'Y.sensitivity_mv_per_um: goes with unit = "V"'),
+        (("channel = 2", "channel = -2"), "waveform.Y.channel: must be at least 0"),
+        (("Y = { channel = 2 }", "Z = { channel = 2 }"), "rig.toml:15: waveform.Z: unknown key; known here: X, Y"),
+        (("Y = { channel = 2 }", "Y = 2"), "rig.toml:15: waveform.Y: must be a table, not 2"),
+        (
+            ('run = "trial-a"', 'run = "trial-b"'),
+            "rig.toml:17: recordings.a1.mat.run: unknown run 'trial-b'; did you mean",
+        ),
+        (('run = "trial-a"', "run = 3"), "recordings.a1.mat.run: must be the name of a run, not 3"),
+        (('run = "trial-a"', ""), "unknown run 'a1', which is the file's name: say run = \"NAME\""),
+        (('run = "trial-a"', 'run = "trial-a"\nrate = 3'), "rig.toml:18: recordings.a1.mat.rate: unknown key"),
+    ],
+)
+def test_what_is_said_of_recordings_is_checked(tmp_path, change, words):
+    assert set(rig_of(tmp_path, RIG + WAVEFORM).runs) == {"baseline", "trial-a"}
+    text = problems(tmp_path, RIG + WAVEFORM.replace(*change))
+    assert words in text
+    assert len(text.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "rig.toml: the file is empty; `rotorjax example DIR` writes a rig file"),
+        (RIG.replace("mass_kg = 0.97", "mass_kg = 1" + "0" * 400), "rig.toml:2: rotor.mass_kg: 1000000"),
+        (RIG.replace("mass_kg = 0.97", "mass_kg = 1" + "0" * 5000), "holds a number of thousands of digits"),
+        (RIG.replace("mass_kg = 0.97", "mass_kg = [1, 2]"), "rig.toml:2: rotor.mass_kg: must be a number, not [1, 2]"),
+        (RIG.replace("mass_kg = 0.97", "mass_kg = 1.0\nmass_kg = 2.0"), "rig.toml:3: not valid TOML"),
+        (RIG + "[rotor]\n", "(the same key or section appears twice)"),
+        (RIG + "[limits]\nspeed_rpm = [1,", "rig.toml:12: not valid TOML"),
+        (RIG + "[limits]\nspeed_rpm = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        (RIG.replace("X = { angle_deg = 0.0 }", "X = 0"), "rig.toml:6: probes.X: must be a table, not 0"),
+        (RIG.replace("X = {", '"" = {'), "a probe needs a name"),
+        (RIG.replace("magnitude_g_mm", "plane = [1], magnitude_g_mm"), "unknown plane [1]; known here: disk"),
+        (RIG + '[runs."a b"]\n"odd key" = 3\n', "rig.toml:12: runs.a b.odd key: unknown key"),
+        (RIG + "[runs]\nc.bow.magnitude_mm = -1\n", "rig.toml:"),
+        (RIG + '[effects.runout]\nreal_m = { X = { "²X" = 1e-6 } }\n', "unknown parameter"),
+        (RIG + "[planes.a]\nholes = 1e15\n", "must be a whole number of evenly spaced holes, 720 at most"),
+        ("run,speed_rpm\n", "rig.toml:1: not valid TOML"),
+    ],
+)
+def test_odd_rig_files_are_refused_in_one_message(tmp_path, text, words):
+    told = problems(tmp_path, text)
+    assert words in told
+    assert len(told.splitlines()) == 1
+
+
 def test_all_problems_at_once(tmp_path):
     text = problems(
         tmp_path, RIG.replace("mass_kg = 0.97", "mass_kg = -1.0").replace("angle_deg = 90.0", "angle = 90.0")

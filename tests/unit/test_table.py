@@ -138,6 +138,126 @@ def test_refused_files(tmp_path, table, words):
     assert words in problems(tmp_path, table)
 
 
+@pytest.mark.parametrize(
+    ("column", "written", "cure"),
+    [
+        ("amplitude_um", "amplitude_mil", "is in mils: multiply it by 25.4 (1 mil = 25.4 µm); then call the column"),
+        ("amplitude_um", "Amplitude (mils pk-pk)", "is in mils: multiply it by 25.4 (1 mil = 25.4 µm), and is peak-to"),
+        ("amplitude_um", "amplitude_mm", "is in millimetres: multiply it by 1000"),
+        ("amplitude_um", "amplitude_um_pp", '[convention] amplitude = "peak-to-peak" in the rig file'),
+        ("amplitude_um", "disp_um_rms", "is an rms value: multiply it by 1.4142"),
+        ("amplitude_um", "velocity_mm_s", "is a velocity: divide it by order × 2π × speed_rpm / 60"),
+        ("phase_deg", "phase_rad", "is in radians: multiply it by 57.29578"),
+        ("phase_deg", "Phase lag (deg)", '[convention] phase = "lag" in the rig file'),
+        ("speed_rpm", "speed_hz", "multiply it by 60 (1 Hz = 60 rpm)"),
+        ("speed_rpm", "omega_rad_s", "multiply it by 9.549297"),
+        ("sigma_um", "sigma_mil", "multiply it by 25.4"),
+        ("probe", "sensor", "is not a name that is read; call it 'probe'"),
+    ],
+)
+def test_columns_in_other_units_are_refused_with_the_cure(tmp_path, column, written, cure):
+    text = problems(tmp_path, f"{HEADER.replace(column, written)}\n{BODY}")
+    assert len(text.splitlines()) == 1
+    assert f"data.csv:1: column {HEADER.split(',').index(column) + 1} ({written!r}) {cure}" in text or cure in text
+    assert f"{column!r}" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda row: row.replace(",1500,", ",25,"), "every speed_rpm is below 200 rpm: if they are in Hz"),
+        (lambda row: ",".join([*row.split(",")[:4], "0.0019", "0", "0.0001"]), "every amplitude_um is below 0.01 µm"),
+    ],
+)
+def test_values_that_look_like_other_units_get_a_note_and_are_read_as_they_are(tmp_path, change, words):
+    data, _ = write(tmp_path, table="\n".join([HEADER, *map(change, ROWS)]))
+    table = read_table(data)
+    assert not table.problems
+    assert words in table.notes[0]
+    assert table.rows[0].speed_rpm in {25.0, 1500.0}
+    assert table.rows[0].amplitude_um in {0.0019, 19.93}
+
+
+def test_phases_that_look_like_radians_get_a_note(tmp_path):
+    rows = [f"baseline,{900 + 100 * k},X,1,20.0,{0.7 * k - 2.0},0.3" for k in range(6)]
+    data, _ = write(tmp_path, table="\n".join([HEADER, *rows]))
+    assert "if they are in radians multiply them by 57.29578" in read_table(data).notes[0]
+    data, _ = write(tmp_path)
+    assert read_table(data).notes == []
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            b"PK\x03\x04" + bytes(26) + b"[Content_Types].xml",
+            "an Excel workbook (.xlsx), not a text file; save the sheet",
+        ),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", "an old Excel workbook (.xls), not a text file"),
+        (b"PAR1\x15\x04", "a Parquet file, not a text file; export it as text"),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "a MATLAB file (.mat), not a text file"),
+        (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+        (b"\x1f\x8b\x08\x00", "compressed by gzip, not a text file; unpack it first"),
+        (b"\x7fELF\x02\x01\x00", "a binary file (it holds zero bytes), not a text file"),
+        (bytes(range(1, 256)), "a binary file, not a text file"),
+        ((HEADER + "\n" + BODY).encode("utf-16-le"), "encoded as UTF-16 without a byte order mark; save it as UTF-8"),
+        ((HEADER + "\n" + BODY).encode("utf-32"), "encoded as UTF-32; save it as UTF-8"),
+    ],
+)
+def test_files_that_are_no_text_are_called_what_they_are(tmp_path, content, words):
+    """As a table and as a rig file."""
+    data, toml = write(tmp_path, table=content)
+    for path, read_it in ((data, read_table), (toml, read_rig)):
+        path.write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            read_it(path)
+        assert str(caught.value).startswith(f"{path}: {words}")
+        assert len(caught.value.problems) == 1
+
+
+def test_a_folder_is_called_that(tmp_path):
+    for read_it in (read_table, read_rig):
+        with pytest.raises(InputError, match="is a folder; give the path of a file in it"):
+            read_it(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (f"{HEADER}\n{BODY}".replace("1500", '"1,500"'), "'1,500' is not a finite number; leave out the separator of"),
+        (f"{HEADER}\n{BODY}".replace("1500", "1 500"), "'1 500' is not a finite number; leave out the separator of"),
+        (f"{HEADER}\n{BODY}".replace("19.93", '"19,93"'), "'19,93' is not a finite number; write it like 12.5"),
+        (f"{HEADER}\n{BODY}".replace("19.93", "1e400"), "'1e400' is not a finite number"),
+        (f"{HEADER}\n{BODY}".replace("19.93", "1e300"), "1e+300 is beyond anything measured"),
+        (f"{HEADER}\n{BODY}".replace(",1,", ",1e8,"), "column 4 (order): 1e+08 is above 100"),
+        (f"{HEADER}\n{BODY}".replace("baseline,", '"baseline,', 1), "close the quotation mark"),
+        (f"{HEADER}\n{BODY}".replace(",", "|"), "no header of several columns separated by commas"),
+        (
+            f"{HEADER}\n{BODY}".replace(",", ";").replace(".", ",").replace("1500", "1.500,0"),
+            "leave out the separator of thousands; or save the table with commas between cells and decimal points",
+        ),
+        ("[rotor]\nmass_kg = 1.0\n", "no header, but what looks like a rig file, which goes with --rig"),
+    ],
+)
+def test_odd_tables_are_refused_with_the_cure(tmp_path, table, words):
+    assert words in problems(tmp_path, table)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        f"{HEADER}\n{BODY}".replace("\n", "\r"),
+        f"{HEADER}\n{BODY}".replace("\n", ",\n"),
+        f"{HEADER}\n{BODY}".replace(",", "\t"),
+        f"{HEADER}\n{BODY}".replace("-31.4", "688.6"),
+    ],
+    ids=["carriage returns", "trailing commas", "tabs", "phase beyond a turn"],
+)
+def test_odd_tables_that_are_read(tmp_path, table):
+    m = read(tmp_path, table)
+    assert m.vectors[0, 0, 0] == pytest.approx(19.93e-6 * np.exp(-1j * np.radians(31.4)))
+
+
 def test_missing_file(tmp_path):
     _, toml = write(tmp_path)
     with pytest.raises(InputError, match="No such file"):
