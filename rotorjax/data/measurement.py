@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -11,6 +11,9 @@ from rotorjax.errors import InputError
 from rotorjax.model.conditions import Conditions
 from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
+
+if TYPE_CHECKING:
+    from rotorjax.data.rig import Rig
 
 MOST_NAMED = 5
 """Conditions named in one message."""
@@ -133,6 +136,14 @@ class Measurement(Shown):
             None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy(),
             "unknown" if sigma is None else "given", knowledge,
         )  # fmt: skip
+
+    @classmethod
+    def from_pandas(cls, frame: Any, rig: "Rig") -> "Measurement":
+        """A measurement from a data frame with the columns of a table, in the conventions of a ``rig``.
+
+        **Errors.** `InputError` as for a table; line 2 is the first row of the frame.
+        """
+        return rig.measurement_of_text(frame.to_csv(index=False), "the data frame")
 
     @property
     def probes_read(self) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from rotorjax.data.rig_sections import (
     uncertainty_of,
 )
 from rotorjax.data.section import Document, nearest
-from rotorjax.data.table import Table, read_table, write_table
+from rotorjax.data.table import Table, parse_table, read_table, write_table
 from rotorjax.data.waveform_sections import check_recordings, check_waveform
 from rotorjax.effects.terms import NAMED
 from rotorjax.errors import InputError
@@ -74,6 +74,13 @@ class Rig:
             raise InputError(*problems)
         rows = [self.convention.to_internal(row) for row in table.rows]
         return arrange(rows, runs=self.runs, probes=self.model.layout.probes, knowledge=self.knowledge)
+
+    def measurement_of_text(self, text: str, name: str) -> Measurement:
+        """A table that was read already, or made, as a measurement of this rig. **Arguments:** ``name``: of the table
+        in messages. **Errors.** `InputError` as for a table that is read.
+        """
+        path = Path(name)
+        return self.measurement(parse_table(text, path, probes=self.model.layout.probes), path)
 
     def _missing_run(self, run: str, table: Table, path: Path) -> str:
         line = next(n for row, n in zip(table.rows, table.lines, strict=True) if row.run == run)

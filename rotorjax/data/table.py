@@ -52,7 +52,11 @@ def read_table(path: Path, *, probes: Iterable[str] | None = None) -> Table:
     line, column and cure. `Rig.measurement` refuses a table with any. **Errors.** `InputError` for a header or a file
     that cannot be read at all.
     """
-    text = read_text(path)
+    return parse_table(read_text(path), path, probes=probes)
+
+
+def parse_table(text: str, path: Path, *, probes: Iterable[str] | None = None) -> Table:
+    """`read_table` of text that was read already. **Arguments:** ``path``: its name in messages."""
     lines = [(number, line) for number, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1) if line.strip()]
     if not lines:
         raise InputError(f"{path}: the file is empty; its first line must be the header {','.join(REQUIRED)}")

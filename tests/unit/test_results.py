@@ -5,7 +5,21 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, response, tell
+from rotorjax import (
+    Conditions,
+    InputError,
+    Jeffcott,
+    Layout,
+    Measurement,
+    Model,
+    effects,
+    explain,
+    read_measurement,
+    read_rig,
+    response,
+    tell,
+)  # fmt: skip
+from rotorjax.data.example import write_example
 from rotorjax.reporting.curves import Curve, fitted_curves
 
 RUNS = ("<script>", "trial")
@@ -156,3 +170,15 @@ def test_data_frames_hold_what_the_tables_say(found, story, measured):
     assert first["effect"].iloc[0] == "residual_unbalance"
     with pytest.raises(TypeError, match="Model has no rows"):
         measured[0].to_pandas()
+
+
+def test_a_data_frame_is_read_as_a_table_is(tmp_path):
+    write_example(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    measurement = read_measurement(tmp_path / "measurement.csv", rig)
+    again = Measurement.from_pandas(measurement.to_pandas(), rig)
+    np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-15)
+    assert again.runs == measurement.runs
+    frame = measurement.to_pandas().assign(run=lambda f: f["run"].replace("trial-a", "trial-c"))
+    with pytest.raises(InputError, match=r"data frame:\d+: run 'trial-c' is not in"):
+        Measurement.from_pandas(frame, rig)
