@@ -92,7 +92,13 @@ def explain(options: argparse.Namespace) -> None:
             )
             raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
         found = explain(
-            rig.model, measurement, max_effects=options.max_effects, only=only, exclude=exclude or (), progress=progress
+            rig.model,
+            measurement,
+            max_effects=options.max_effects,
+            only=only,
+            exclude=exclude or (),
+            slips=options.slips,
+            progress=progress,
         )
     say(explanation_text(found, rig, width=terminal_width()))
     _write_outputs(
@@ -103,6 +109,8 @@ def explain(options: argparse.Namespace) -> None:
         found,
         f"{options.data.name}: what {options.rig.name} lacks",
     )
+    if options.write_rig and found.slip is not None:
+        say(f"\n{options.write_rig} still states what was written down wrongly; change it by hand: {found.slip.cure}.")
 
 
 def diagnose(options: argparse.Namespace) -> None:

@@ -10,9 +10,10 @@ from jaxtyping import Complex
 from scipy.special import chdtrc
 
 from rotorjax.arrays import numpy_pair, require_float64
+from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
-from rotorjax.discovery.compare import compare_vectors
+from rotorjax.discovery.compare import Comparison, compare_vectors
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
@@ -30,6 +31,8 @@ from rotorjax.discovery.search import (
     retold,
     select,
 )
+from rotorjax.discovery.slips import Alternative, race_of_slips
+from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
@@ -92,6 +95,8 @@ class Explanation(Reported):
     verdict: Verdict
     effects: tuple[str, ...]
     """In the order added; of every tie the most probable."""
+    written: SlipRace
+    """What is stated in rig file and table against changes of it."""
     story: Story
     """Comparison and fit at every step, the first without any addition."""
     rankings: tuple[tuple[Ranked, ...], ...]
@@ -114,7 +119,22 @@ class Explanation(Reported):
 
     def __repr__(self) -> str:
         p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
-        return f"Explanation({self.verdict}: {', '.join(self.effects) or 'no effect'}; {self.story!r}{p})"
+        return f"Explanation({self.verdict}: {', '.join(self.named) or 'no effect'}; {self.story!r}{p})"
+
+    @property
+    def slip(self) -> Slip | None:
+        """What was written down wrongly, if anything."""
+        return self.written.best.slip
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """All that was found: what was written down wrongly, then the effects."""
+        return (*([] if self.slip is None else [self.slip.name]), *self.effects)
+
+    def tied_groups(self) -> list[list[list[str]]]:
+        """For every part of the answer that is open: itself, then what ties with it."""
+        others = [list(other.named) for other in self.written.tied]
+        return [*self.ties.groups(), *([[list(self.named), *others]] if others else [])]
 
     @property
     def model(self) -> Model:
@@ -190,6 +210,7 @@ def explain(  # noqa: PLR0913
     max_effects: int = 3,
     only: Iterable[str] | None = None,
     exclude: Iterable[str] = (),
+    slips: bool = False,
     catalog: Mapping[str, type[Effect]] = CATALOG,
     thorough: bool = True,
     limit: int = LINEARISATIONS,
@@ -201,27 +222,29 @@ def explain(  # noqa: PLR0913
     (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added while "none" has a probability below 5 %.
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
-    those in ``exclude``; ``catalog``: effects by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with
-    held-out error and p-value, both of which count for the verdict, and the missing force, looked at where nothing
-    explains and compared with what was found elsewhere; ``limit``: single cases that may be linearised, where it is
-    reached the verdict is "undecided" or "unexplained", with what was not tried; ``progress``: called with a line of
-    text at every stage.
+    those in ``exclude``; ``slips``: with changes of what rig file and table state in the race
+    (`rotorjax.data.declarations`), which may be named in ``only`` and ``exclude`` too; ``catalog``: effects by name,
+    ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which count for
+    the verdict, and the missing force, looked at where nothing explains and compared with what was found elsewhere;
+    ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or "unexplained",
+    with what was not tried; ``progress``: called with a line of text at every stage.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
     check_catalog(catalog, full.rotor)
-    chosen = tuple(catalog) if only is None else tuple(only)
-    if unknown := [name for name in (*chosen, *exclude) if name not in catalog]:
-        raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join(catalog)}")
+    chosen = (*catalog, *(KINDS if slips else ())) if only is None else tuple(only)
+    if unknown := [name for name in (*chosen, *exclude) if name not in catalog and name not in KINDS]:
+        raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join((*catalog, *KINDS))}")
     if full.layout.probes != measurement.probes:
         raise ValueError(
             f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig "
             "file"
         )
     # Where nothing was measured, a gain of zero would explain it all.
-    candidates = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
+    allowed = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
+    candidates, kinds = [name for name in allowed if name in catalog], [name for name in allowed if name in KINDS]
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
     contest = make_contest(full, kept, candidates, catalog, Budget(limit))
@@ -231,7 +254,30 @@ def explain(  # noqa: PLR0913
     def told(line: str) -> None:
         progress(f"{line} ({contest.budget.spent:,} of {limit:,} linearisations)")
 
-    return _answer(full, declared, select(contest, max_effects, progress=told), undriven, catalog, thorough, told)
+    written = race_of_slips(contest, kinds, max_effects, told)
+    stated = compare_vectors(declared, contest.measurement, full)
+    full, selection = _as_done(full, written.best, candidates, catalog, told)
+    return _answer(full, stated, written, selection, undriven, catalog, thorough, told)
+
+
+def _as_done(
+    model: Model,
+    answer: Alternative,
+    candidates: list[str],
+    catalog: Mapping[str, type[Effect]],
+    progress: Progress,
+) -> tuple[Model, Selection]:
+    """The model and the search as they are with what was written down wrongly put right."""
+    selection, slip = answer.selection, answer.slip
+    if slip is None:
+        return model, selection
+    if not slip.in_mirror:
+        return slip.corrected(model, selection.contest.measurement)[0], selection
+    # Searched in a mirror: now the rotor itself.
+    model = reversed_rotation(model)
+    contest = selection.contest
+    own = make_contest(model, contest.measurement, candidates, catalog, contest.budget)
+    return model, select(own, selection.most, progress=progress)
 
 
 def _declared(contest: Contest) -> Complex[np.ndarray, "case probe order"]:
@@ -245,7 +291,8 @@ def _declared(contest: Contest) -> Complex[np.ndarray, "case probe order"]:
 
 def _answer(
     model: Model,
-    declared: Complex[np.ndarray, "case probe order"],
+    stated: Comparison,
+    written: SlipRace,
     selection: Selection,
     undriven: tuple[float, ...],
     catalog: Mapping[str, type[Effect]],
@@ -275,14 +322,27 @@ def _answer(
         last = _fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
     verdict = _verdict(selection, ties, p, last, contest, confirmed=_confirmed(fits))
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
-    if stages.untried and verdict != "unexplained":
+    if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
-    view = compare_vectors(declared, contest.measurement, model)
+    if verdict == "nothing missing" and written.best.slip is not None:
+        verdict = "explained"
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    story = Story(model, contest.measurement, view, selection.effects, fits, views, (), undriven)
+    slip = written.best.slip
+    story = Story(
+        model,
+        contest.measurement,
+        stated,
+        selection.effects,
+        fits,
+        views,
+        (),
+        undriven,
+        None if slip is None else slip.name,
+    )
     return Explanation(
         verdict=verdict,
         effects=selection.effects,
+        written=written,
         story=story,
         rankings=tuple(tuple(ranking(contest, step, min(step.contenders, key=len))) for step in selection.races),
         ties=ties,

@@ -39,6 +39,8 @@ class Story(Reported):
     rivals: tuple[Rival, ...]
     undriven: tuple[float, ...] = ()
     """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
+    slip: str | None = None
+    """What was written down wrongly: put right from the first fit on."""
 
     def __repr__(self) -> str:
         steps = [
@@ -60,7 +62,7 @@ class Story(Reported):
     @property
     def changed(self) -> bool:
         """Whether anything was fitted, so that there is a before and an after."""
-        return any(fitted.estimates for fitted in self.fits)
+        return self.slip is not None or any(fitted.estimates for fitted in self.fits)
 
     @functools.cached_property
     def steadiness(self) -> list[str]:

@@ -140,13 +140,15 @@ def step_labels(story: Story) -> list[str]:
     """Names of the steps: the model as declared, its uncertain values fitted, one per addition."""
     labels = ["as declared"]
     if story.fits:
-        labels += [*(["uncertain values"] if _has_uncertain(story) else []), *(f"+ {name}" for name in story.additions)]
+        uncertain = ["uncertain values"] if _has_uncertain(story) else []
+        first = uncertain if story.slip is None else [f"+ {story.slip}"]
+        labels += [*first, *(f"+ {name}" for name in story.additions)]
     return labels
 
 
 def steps(story: Story) -> list[tuple[Comparison, Fit | None]]:
     """What stands behind each of `step_labels`."""
-    first = 0 if _has_uncertain(story) else 1
+    first = 0 if _has_uncertain(story) or story.slip is not None else 1
     return [(story.declared, None), *zip(story.views[first:], story.fits[first:], strict=True)]
 
 

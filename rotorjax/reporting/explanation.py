@@ -1,5 +1,6 @@
 """What people read of an explanation: the verdict in a sentence, rankings, ties, the next measurement, JSON."""
 
+from rotorjax.data.declarations import Slip
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction
 from rotorjax.diagnosis.critical_speeds import CriticalSpeed, critical_speeds
@@ -47,8 +48,8 @@ def sentence(found: Explanation) -> str:
     parts = {
         "nothing missing": [_nothing(found), first],
         "explained": [_missing(found), first, _fall(found)],
-        "undecided": [_undecided(found), first, _fall(found) if found.effects else ""],
-        "unexplained": [_unexplained(found), first, _fall(found) if found.effects else ""],
+        "undecided": [_undecided(found), first, _fall(found) if found.named else ""],
+        "unexplained": [_unexplained(found), first, _fall(found) if found.named else ""],
     }[found.verdict]
     named = _missing_force(found)
     if found.verdict == "unexplained" and found.named_force is not None and found.named_force.enough:
@@ -67,7 +68,13 @@ def _misses(found: Explanation) -> str:
 
 
 def _missing(found: Explanation) -> str:
-    return f"Missing: {listed(found.effects)}."
+    missing = f"Missing: {listed(found.effects)}." if found.effects else "Nothing is missing beside."
+    return missing if found.slip is None else f"{_slip(found.slip)} {missing}"
+
+
+def _slip(slip: Slip) -> str:
+    """What was written down wrongly, and what to change."""
+    return f"Written down wrongly: {slip.name}, {slip.meaning} ({slip.cure})."
 
 
 def _nothing(found: Explanation) -> str:
@@ -79,12 +86,12 @@ def _nothing(found: Explanation) -> str:
 
 
 def _undecided(found: Explanation) -> str:
-    others = ["others do as well"] if found.ties.tied or found.named_force is not None else []
+    others = ["others do as well"] if found.tied_groups() or found.named_force is not None else []
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
     limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
     likely = " or ".join(f"{r.effect} ({100.0 * r.probability:.0f} %)" for r in found.more[:SAID])
     more = [f"something more is probable, such as {likely}"] if found.more else []
-    what = listed(found.effects) if found.effects else "nothing that stands out so far"
+    what = listed(found.named) if found.named else "nothing that stands out so far"
     return f"Undecided: {what}, but {listed([*others, *fails, *found.objections, *more, *limit])}."
 
 
@@ -94,11 +101,11 @@ def _unexplained(found: Explanation) -> str:
     if (ahead := _would_be_next(found)) is not None:
         return f"Unexplained: no more than {found.max_effects} effects were to be added, and {ahead} would be next."
     those = "those allowed" if found.restricted else "the catalogue"
-    if not found.effects:
+    if not found.named:
         return f"Unexplained: no effect of {those} accounts for what the model misses."
-    accounts = "accounts" if len(found.effects) == 1 else "account"
+    accounts = "accounts" if len(found.named) == 1 else "account"
     return (
-        f"Unexplained: {listed(found.effects)} {accounts} for part of what the model misses, and no further effect of "
+        f"Unexplained: {listed(found.named)} {accounts} for part of what the model misses, and no further effect of "
         f"{those} for the rest."
     )
 
@@ -110,11 +117,11 @@ def _would_be_next(found: Explanation) -> str | None:
 
 def _fall(found: Explanation) -> str:
     story = found.story
-    before, after = story.views[0].rms, story.last.rms
+    before, after = (story.views[0] if found.slip is None else story.declared).rms, story.last.rms
     held = story.fits[-1].held_out_rms
     fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
     held_text = f" ({number(before / held)}-fold on data held out)" if held else ""
-    return f"With {listed(found.effects)} the error falls {fold}{held_text} to {number(after / MICROMETRE)} µm rms."
+    return f"With {listed(found.named)} the error falls {fold}{held_text} to {number(after / MICROMETRE)} µm rms."
 
 
 def _left(found: Explanation) -> str:
@@ -212,7 +219,7 @@ def missing_force_table(named: NamedForce) -> Table | None:
 
 
 def _ties(found: Explanation) -> list[str]:
-    return [f"These data cannot tell {listed(names[0])} from {_others(names[1:])}." for names in found.ties.groups()]
+    return [f"These data cannot tell {listed(names[0])} from {_others(names[1:])}." for names in found.tied_groups()]
 
 
 def _others(sets: list[list[str]]) -> str:
@@ -429,7 +436,7 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [line for line in (critical_speeds_line(found), *_to_balance(found, rig)) if line]
     parts += explanation_tables(found)
-    parts.append(worst_cells(found.story.last, "Where it still fails" if found.effects else "Where it fails"))
+    parts.append(worst_cells(found.story.last, "Where it still fails" if found.named else "Where it fails"))
     parts.append(cost_line(found))
     return laid_out(parts, width, everything="--report FILE.html")
 
@@ -467,5 +474,5 @@ def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | N
     effects = sizes_by_effect(found.story.fits[-1], found.effects, None if rig is None else rig.convention)
     next_one = [line for line in notes(found) if line.startswith(("Measure next", "No reading within"))]
     lines = [line for line in (*_to_balance(found, rig), critical_speeds_line(found), *_ties(found), *next_one) if line]
-    fall = " ".join(filter(None, (_misses(found), _fall(found) if found.effects else "", _left(found))))
+    fall = " ".join(filter(None, (_misses(found), _fall(found) if found.named else "", _left(found))))
     return Headline(found.verdict, told, fall, effects, lines, Picture.every(pictures))

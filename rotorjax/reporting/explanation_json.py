@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from rotorjax.data.declarations import Slip
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.critical_speeds import critical_speeds
 from rotorjax.discovery.explain import Explanation
@@ -26,6 +27,9 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         step = step_json(f"+ {found.effects[k - 1]}" if k else "before anything is added", view, fitted)
         ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
         every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
+    if found.slip is not None:
+        every[0] = {**every[0], "added": found.slip.name}
+        every.insert(0, {**step_json("before anything is added", story.declared, None), "ranking": [], "ties": []})
     uncertain = {e.entry.effect for e in story.fits[0].estimates if e.entry.declared_uncertain}
     every[0] |= {
         "uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain},
@@ -35,10 +39,11 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
     return {
         "verdict": found.verdict,
         "sentence": sentence(found),
-        "effects": list(found.effects),
+        "effects": list(found.named),
+        "written_down_wrongly": None if found.slip is None else _slip_json(found.slip),
         "steps": every,
         "ranking": _ranking_json(found, 0),
-        "ties": found.ties.groups(),
+        "ties": found.tied_groups(),
         "tied_predictions": [
             {"instead_of": list(t.instead_of), "effects": list(t.effects), "standardised_difference": t.apart}
             for t in found.ties.tied
@@ -65,6 +70,10 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "findings": notes(found),
         "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
     }
+
+
+def _slip_json(slip: Slip) -> dict[str, str]:
+    return {"name": slip.name, "meaning": slip.meaning, "change": slip.cure}
 
 
 def _ranking_json(found: Explanation, step: int) -> list[dict[str, Any]]:

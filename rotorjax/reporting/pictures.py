@@ -46,11 +46,18 @@ def story_pictures(story: Story) -> list[tuple[str, bytes]]:
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
 
 
+def _has_before(story: Story) -> bool:
+    """Whether the model as declared can be drawn beside: not where what was measured, or installed, was put right."""
+    return story.changed and story.slip is None
+
+
 def _bode_caption(story: Story) -> str:
     """What is drawn, and which runs why."""
     runs, every = shown_runs(story.last), len(story.measurement.runs)
     which = "" if len(runs) == every else f" Of {every} runs those from the largest vibration to the least."
-    lines = "as declared (dashed) and with what was added (solid, with its 95 % band)" if story.changed else "the model"
+    lines = "the model with what was found" if story.changed else "the model"
+    if _has_before(story):
+        lines = "as declared (dashed) and with what was added (solid, with its 95 % band)"
     return f"Amplitude and phase over speed: measured (dots), {lines}; dotted: critical speeds.{which}"
 
 
@@ -65,7 +72,9 @@ def first_pictures(story: Story) -> list[tuple[str, bytes]]:
     draw_fall(axes, story, short=True)
     return [
         (
-            "Amplitude over speed: measured (dots), the model as declared (dashed) and with what was added (line).",
+            "Amplitude over speed: measured (dots), the model as declared (dashed) and with what was added (line)."
+            if _has_before(story)
+            else "Amplitude over speed: measured (dots) and the model with what was found (line).",
             plots.svg(before_after),
         ),
         ("The error as effects were added; diamonds: on data held out.", plots.svg(drawn)),
@@ -157,7 +166,7 @@ def draw_before_after(
     m = story.measurement
     run, probe = run or shown_runs(story.last)[0], probe or m.probes_read[-1]
     order = first_order(m) if order is None else order
-    curves = {"as declared": declared_curves(story.model, m, run)} if story.changed else {}
+    curves = {"as declared": declared_curves(story.model, m, run)} if _has_before(story) else {}
     curves |= {"with what was added" if story.changed else "model": _last_curves(story, run)}
     at = m.probes.index(probe), m.orders.index(order)
     shown = {name: curve.of(*at) for name, curve in curves.items()}
@@ -172,7 +181,7 @@ def _last_curves(story: Story, run: str) -> Curves:
 def _bode(story: Story) -> Figure:
     m, order, runs = story.measurement, first_order(story.measurement), shown_runs(story.last)
     after = {run: _last_curves(story, run) for run in runs}
-    before = {run: declared_curves(story.model, m, run) for run in runs} if story.changed else None
+    before = {run: declared_curves(story.model, m, run) for run in runs} if _has_before(story) else None
     critical = critical_speeds_rpm(story.final_model)
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 6.0, 2, count)

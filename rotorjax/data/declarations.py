@@ -1,0 +1,272 @@
+"""What may have been written down wrongly: changes of what rig file and table state, each without a parameter."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Collection, Iterator
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from rotorjax.arrays import as_array
+from rotorjax.data.measurement import Measurement
+from rotorjax.model.conditions import Conditions
+from rotorjax.model.model import Model
+from rotorjax.units import RPM
+
+MIL = 25.4
+"""A thousandth of an inch, in µm."""
+SLOW_ROLL_RPM = 250.0
+"""Speed of the slow roll where a rig file does not state it."""
+
+FEW_RUNS, MOST_ABOUT_RUNS = 4, 8
+"""Runs from which on influence coefficients choose among changes of what was installed, and how many they leave."""
+KINDS = (
+    "rotation_reversed",
+    "weight_angles_reversed",
+    "phase_sign_reversed",
+    "amplitude_halved",
+    "amplitude_doubled",
+    "amplitude_unit",
+    "probes_exchanged",
+    "probe_reversed",
+    "weight_absent",
+    "weight_direction",
+    "runs_exchanged",
+    "trial_weight_absent",
+    "trial_weight_opposite",
+    "slow_roll_subtracted",
+)
+"""All kinds of changes, by name."""
+
+Stated = tuple[Model, Measurement]
+"""What rig file and table state, as a model and a measurement."""
+
+
+class Slip(NamedTuple):
+    """One way in which what was written down may differ from what was done."""
+
+    kind: str
+    """Name of the alternative, without what it is about."""
+    about: tuple[str, ...]
+    """The probe or the runs that it is about, if any."""
+    meaning: str
+    cure: str
+    """What to change, and where."""
+    corrected: Callable[[Model, Measurement], Stated]
+    """Model and measurement as they are if it was made; what is compiled serves both."""
+    in_mirror: bool = False
+    """Whether that model is the rotor seen in a mirror, its rotation reversed."""
+
+    @property
+    def name(self) -> str:
+        """As it stands beside effects: ``trial_weight_opposite.RUN``."""
+        return ".".join((self.kind, *self.about))
+
+
+def slips(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Slip]:
+    """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
+    makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs)
+    return [slip for make in makers for slip in make(model, measurement) if slip.kind in kinds]
+
+
+def promising(model: Model, measurement: Measurement, every: list[Slip]) -> list[Slip]:
+    """Alternatives without those about runs that leave influence coefficients much to explain.
+
+    Whatever linear rotor it is, vectors at one speed, of one probe and order, are a constant plus one complex number
+    for each plane, and for the bow, times what is installed. Of many runs those changes are kept that leave the least
+    beside that.
+    """
+    about_runs = [slip for slip in every if slip.about and set(slip.about) <= set(measurement.runs)]
+    if len(measurement.runs) < FEW_RUNS or len(about_runs) <= MOST_ABOUT_RUNS:
+        return every
+    left = {slip.name: _beside_influence(slip.corrected(model, measurement)[1]) for slip in about_runs}
+    kept = set(sorted(left, key=lambda name: left[name])[:MOST_ABOUT_RUNS])
+    return [slip for slip in every if slip.name not in left or slip.name in kept]
+
+
+def _beside_influence(m: Measurement) -> float:
+    """Squares that influence coefficients leave of the vectors, in those of the noise."""
+    installed = np.concatenate([np.asarray(m.conditions.unbalance), np.asarray(m.conditions.bow)[:, None]], axis=1)
+    design = np.concatenate([np.ones((len(m.run), 1)), installed[..., 0] + 1j * installed[..., 1]], axis=1)
+    design = design[:, np.any(design != 0.0, axis=0)]
+    cluster, speeds = m.speed_cluster()
+    weight, total = m.weights(0.0 if m.sigma is not None else m.rms)[..., 0], 0.0
+    for speed in range(len(speeds)):
+        for probe, order in np.ndindex(m.vectors.shape[1:]):
+            cases = (cluster == speed) & m.present[:, probe, order]
+            if cases.any():
+                by = weight[cases, probe, order]
+                rows, wanted = by[:, None] * design[cases], by * m.vectors[cases, probe, order]
+                total += float(np.sum(np.abs(wanted - rows @ np.linalg.lstsq(rows, wanted)[0]) ** 2))
+    return total
+
+
+def _rotation(model: Model, _: Measurement) -> Iterator[Slip]:
+    """With reversed rotation x to y: the same rotor seen in a mirror, so that nothing need be compiled anew."""
+    if len(model.layout.probes) < 2 or not hasattr(model.rotor, "rotation"):
+        return
+
+    def corrected(model: Model, m: Measurement) -> Stated:
+        mirrored = dataclasses.replace(model.probes, angle=as_array(-np.asarray(model.probes.angle)))
+        return dataclasses.replace(_with_gravity(model, np.array([1.0, -1.0])), probes=mirrored), m
+
+    meaning = "the shaft turns the other way than the rig file says"
+    yield Slip("rotation_reversed", (), meaning, "[convention] rotation: write the other sense", corrected, True)
+
+
+def reversed_rotation(model: Model) -> Model:
+    """The model with a shaft that turns the other way."""
+    other = {"x-to-y": "y-to-x", "y-to-x": "x-to-y"}[getattr(model.rotor, "rotation", "x-to-y")]
+    return dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, rotation=other))  # pyright: ignore
+
+
+def _angles(_: Model, m: Measurement) -> Iterator[Slip]:
+    turned = np.array([1.0, -1.0])
+    unbalance, bow = np.asarray(m.conditions.unbalance), np.asarray(m.conditions.bow)
+    if not np.any(unbalance[..., 1]) and not np.any(bow[..., 1]):
+        return
+
+    def corrected(model: Model, m: Measurement) -> Stated:
+        return model, _installed(m, np.asarray(m.conditions.unbalance) * turned, np.asarray(m.conditions.bow) * turned)
+
+    meaning = "angles of weights were counted in the other sense than the rig file says"
+    cure = "[convention] weight_angles: write the other of with-rotation and against-rotation"
+    yield Slip("weight_angles_reversed", (), meaning, cure, corrected)
+
+
+def _phase(_: Model, m: Measurement) -> Iterator[Slip]:
+    def corrected(model: Model, m: Measurement) -> Stated:
+        return model, dataclasses.replace(m, vectors=np.conj(m.vectors))
+
+    if np.any(np.imag(m.vectors[m.present])):
+        meaning, cure = "phases lag where the rig file says lead, or the reverse", "[convention] phase: write the other"
+        yield Slip("phase_sign_reversed", (), meaning, cure, corrected)
+
+
+def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
+    """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
+    if m.rms == 0.0:
+        return
+    peak = "[convention] amplitude: write the other of peak and peak-to-peak"
+    mils = "the table: {} amplitude_um and sigma_um by 25.4"
+    for kind, about, factor, meaning, cure in (
+        ("amplitude_doubled", (), 2.0, "amplitudes are peak-to-peak where peak is stated", peak),
+        ("amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", peak),
+        ("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", mils.format("multiply")),
+        ("amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", mils.format("divide")),
+    ):
+
+        def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
+            return _with_participation(model, np.full(len(model.layout.probes), factor)), m
+
+        yield Slip(kind, about, meaning, cure, corrected)
+
+
+def _probes(model: Model, m: Measurement) -> Iterator[Slip]:
+    names = m.probes_read
+    for one, other in itertools.combinations(names, 2):
+        order = np.arange(len(model.layout.probes))
+        pair = [model.layout.probes.index(one), model.layout.probes.index(other)]
+        order[pair] = order[pair[::-1]]
+
+        def exchanged(model: Model, m: Measurement, order: np.ndarray = order) -> Stated:
+            leaves = (as_array(np.asarray(part)[order]) for part in _parts(model))
+            return eqx.tree_at(_parts, model, tuple(leaves)), m
+
+        about = (one, other) if len(names) > 2 else ()
+        cure = f"[probes]: exchange the directions of {one} and {other}"
+        yield Slip("probes_exchanged", about, f"the cables of probes {one} and {other} are exchanged", cure, exchanged)
+    for name in names:
+
+        def reversed_(model: Model, m: Measurement, name: str = name) -> Stated:
+            sign = np.where(np.array(model.layout.probes) == name, -1.0, 1.0)
+            return _with_participation(model, sign), m
+
+        meaning = f"probe {name} has its sign reversed, or looks from the other side"
+        yield Slip("probe_reversed", (name,), meaning, f"[probes] {name}: add 180 to angle_deg", reversed_)
+
+
+def _weight(model: Model, _: Measurement) -> Iterator[Slip]:
+    gravity = getattr(model.rotor, "gravity", None)
+    if gravity is None or not np.any(np.asarray(gravity)):
+        return
+    for kind, factor, meaning, cure in (
+        ("weight_absent", 0.0, "the shaft stands upright, where the rig file states a weight", '"none"'),
+        ("weight_direction", -1.0, "the weight acts the other way than the rig file says", "the other direction"),
+    ):
+
+        def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
+            return _with_gravity(model, np.full(2, factor)), m
+
+        yield Slip(kind, (), meaning, f"[rotor] gravity: write {cure}", corrected)
+
+
+def _slow_roll(model: Model, _: Measurement) -> Iterator[Slip]:
+    def corrected(model: Model, m: Measurement) -> Stated:
+        speed = None if model.slow_roll is not None else as_array(np.asarray(SLOW_ROLL_RPM * RPM))
+        return dataclasses.replace(model, slow_roll=speed), m
+
+    stated = model.slow_roll is not None
+    meaning = "was not subtracted, as the rig file says" if stated else "was subtracted, as the rig file does not say"
+    cure = f"[convention] slow_roll_subtracted: write {'false' if stated else 'true'}"
+    yield Slip("slow_roll_subtracted", (), f"the slow-roll vector {meaning}", cure, corrected)
+
+
+def _runs(_: Model, m: Measurement) -> Iterator[Slip]:
+    """Weights that were not where the rig file says, run by run."""
+    first = [int(np.argmax(m.run == k)) for k in range(len(m.runs))]
+    unbalance, bow = np.asarray(m.conditions.unbalance)[first], np.asarray(m.conditions.bow)[first]
+    for k, run in enumerate(m.runs):
+        if not np.any(unbalance[k]):
+            continue
+        for kind, factor, meaning, cure in (
+            ("trial_weight_absent", 0.0, "was not installed", "take unbalance out"),
+            ("trial_weight_opposite", -1.0, "sat opposite to where the rig file says", "add 180 to angle_deg"),
+        ):
+
+            def corrected(model: Model, m: Measurement, k: int = k, factor: float = factor) -> Stated:
+                there = np.where((m.run == k)[:, None, None], factor, 1.0)
+                return model, _installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
+
+            yield Slip(kind, (run,), f"the weight of run {run} {meaning}", f"[runs.{run}]: {cure}", corrected)
+    for a, b in itertools.combinations(range(len(m.runs)), 2):
+        if np.array_equal(unbalance[a], unbalance[b]) and np.array_equal(bow[a], bow[b]):
+            continue
+
+        def exchanged(model: Model, m: Measurement, a: int = a, b: int = b) -> Stated:
+            of = m.run.copy()
+            of[m.run == a], of[m.run == b] = b, a
+            return model, _installed(m, unbalance[of], bow[of])
+
+        about = min(m.runs[a], m.runs[b]), max(m.runs[a], m.runs[b])
+        cure = f"[runs]: exchange what {about[0]} and {about[1]} hold"
+        yield Slip("runs_exchanged", about, f"runs {about[0]} and {about[1]} are exchanged", cure, exchanged)
+
+
+def _parts(model: Model) -> tuple:
+    return model.probes.angle, model.probes.participation, model.probes.on_foundation
+
+
+def _with_participation(model: Model, factor: np.ndarray) -> Model:
+    changed = as_array(np.asarray(model.probes.participation) * factor)
+    return dataclasses.replace(model, probes=dataclasses.replace(model.probes, participation=changed))
+
+
+def _with_gravity(model: Model, factor: np.ndarray) -> Model:
+    if getattr(model.rotor, "gravity", None) is None:
+        return model
+    return eqx.tree_at(lambda m: m.rotor.gravity, model, as_array(np.asarray(model.rotor.gravity) * factor))
+
+
+def _installed(m: Measurement, unbalance: np.ndarray, bow: np.ndarray) -> Measurement:
+    there = Conditions(m.conditions.speed, as_array(unbalance), as_array(bow))
+    return dataclasses.replace(m, conditions=there)
+
+
+def log_odds(every: list[Slip], family: float) -> dict[str, float]:
+    """Logarithm of the prior odds of each slip: those of the ``family`` shared by kind, then by member."""
+    kinds = [slip.kind for slip in every]
+    share = family / max(1, len(set(kinds)))
+    return {slip.name: math.log(share / kinds.count(slip.kind)) for slip in every}

@@ -1,0 +1,85 @@
+"""Mistakes in what rig file and table state, made in the files of the example, which hides two effects."""
+
+import csv
+import re
+
+import pytest
+
+from rotorjax import explain, read_measurement, read_rig
+from rotorjax.data.declarations import promising, slips
+from rotorjax.data.example import write_example
+
+EFFECTS = ("residual_unbalance", "cross_coupling")
+
+
+def lag(rig, rows):
+    return rig, [{**row, "phase_deg": -float(row["phase_deg"])} for row in rows]
+
+
+def peak_to_peak(rig, rows):
+    return rig, [{**row, **{key: 2.0 * float(row[key]) for key in ("amplitude_um", "sigma_um")}} for row in rows]
+
+
+def mil(rig, rows):
+    return rig, [{**row, **{key: float(row[key]) / 25.4 for key in ("amplitude_um", "sigma_um")}} for row in rows]
+
+
+def exchanged_cables(rig, rows):
+    return rig, [{**row, "probe": {"X": "Y", "Y": "X"}[row["probe"]]} for row in rows]
+
+
+def exchanged_runs(rig, rows):
+    names = {"trial-a": "trial-b", "trial-b": "trial-a"}
+    return rig, [{**row, "run": names.get(row["run"], row["run"])} for row in rows]
+
+
+def opposite(rig, rows):
+    before, after = rig.split("[runs.trial-b]")
+    turned = re.sub(r"angle_deg = ([-\d.]+)", lambda found: f"angle_deg = {float(found[1]) + 180.0}", after, count=1)
+    return f"{before}[runs.trial-b]{turned}", rows
+
+
+def no_mistake(rig, rows):
+    return rig, rows
+
+
+CAMPAIGN = pytest.mark.campaign
+
+
+@pytest.mark.parametrize(
+    ("mistake", "name"),
+    [
+        (lag, "phase_sign_reversed"),
+        (opposite, "trial_weight_opposite.trial-b"),
+        pytest.param(peak_to_peak, "amplitude_doubled", marks=CAMPAIGN),
+        pytest.param(mil, "amplitude_unit", marks=CAMPAIGN),
+        pytest.param(exchanged_cables, "probes_exchanged", marks=CAMPAIGN),
+        pytest.param(exchanged_runs, "runs_exchanged.trial-a.trial-b", marks=CAMPAIGN),
+        (no_mistake, None),
+    ],
+)
+def test_a_mistake_is_named_with_the_effects_beside_it(tmp_path, mistake, name):
+    write_example(tmp_path)
+    with (tmp_path / "measurement.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    rig_text, rows = mistake((tmp_path / "rig.toml").read_text(encoding="utf-8"), rows)
+    (tmp_path / "rig.toml").write_text(rig_text, encoding="utf-8")
+    with (tmp_path / "measurement.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, rows[0].keys())
+        table.writeheader()
+        table.writerows(rows)
+    rig = read_rig(tmp_path / "rig.toml")
+    found = explain(rig.model, read_measurement(tmp_path / "measurement.csv", rig), slips=True, thorough=False)
+    named = [found.named, *(other.named for other in found.written.tied)]
+    assert tuple(filter(None, (name, *EFFECTS))) in named
+    assert found.verdict == ("undecided" if found.tied_groups() else "explained")
+
+
+def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path):
+    write_example(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    measurement = read_measurement(tmp_path / "measurement.csv", rig)
+    every = slips(rig.model, measurement)
+    assert len({slip.name for slip in every}) == len(every)
+    assert promising(rig.model, measurement, every) == every
+    assert not any(slip.kind == "phase_sign_reversed" for slip in slips(rig.model, measurement, ["amplitude_unit"]))
