@@ -14,11 +14,12 @@ from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
-from rotorjax.discovery.fit import Fit, Round, Stage, summarise
+from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
-from rotorjax.discovery.race import Contest, Effects, Known, check_catalog, make_contest, misfit_left, race
+from rotorjax.discovery.polished import fit_of, fits_of_steps
+from rotorjax.discovery.race import Contest, check_catalog, make_contest, misfit_left
 from rotorjax.discovery.search import (
     DETECTED,
     Progress,
@@ -36,11 +37,9 @@ from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
-from rotorjax.inference.descent import Start, best_of, descend
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
 from rotorjax.inference.linearised import Budget
-from rotorjax.inference.manner import QUICK, Tolerance
-from rotorjax.inference.noise import NO_SCATTER, Noise
+from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
@@ -52,9 +51,6 @@ UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
 LARGE = 0.1
 """Share of the measured size above which a residual of unknown noise is not put down to noise."""
-
-POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
-"""How estimates are made: a thousandth of a log unit is a twentieth of a standard error."""
 
 MOST_LEADERS = 3
 """Ties, one after the other, that turn out more probable than the answer and take its place."""
@@ -306,39 +302,21 @@ def _answer(
     held = HeldOut((None,) * len(selection.races), why)
     if stages.go("error on data held out"):
         held = held_out(contest, selection, ties)
-    fits = _fits(contest, model, selection, held)
-    p = None
-    if contest.measurement.sigma is not None and stages.go("whether what is left is more than noise"):
-        best = selection.known[selection.present]
-        led = best.led_by(fits[-1].end, Noise(fits[-1].misfit, contest.floor.scatter))
-        p = p_value(contest, best if selection.small else led)
-    proposal = None
-    for other in ties.tied:
-        names = other.instead_of, other.effects
-        proposal = proposal or next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
+    fits = fits_of_steps(contest, model, selection, held)
+    p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
     last = fits[-1]
     if selection.small:
-        last = _fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
+        last = fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
     verdict = _verdict(selection, ties, p, last, contest, confirmed=_confirmed(fits))
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
     if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
-    if verdict == "nothing missing" and written.best.slip is not None:
+    if verdict == "nothing missing" and written.best.slip_name is not None:
         verdict = "explained"
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    slip = written.best.slip
-    story = Story(
-        model,
-        contest.measurement,
-        stated,
-        selection.effects,
-        fits,
-        views,
-        (),
-        undriven,
-        None if slip is None else slip.name,
-    )
+    m, slip = contest.measurement, written.best.slip_name
+    story = Story(model, m, stated, selection.effects, fits, views, (), undriven, slip)
     return Explanation(
         verdict=verdict,
         effects=selection.effects,
@@ -356,6 +334,26 @@ def _answer(
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or LINEARISATIONS, tuple(stages.untried)),
     )
+
+
+def _more_than_noise(selection: Selection, last: Fit, stages: "_Stages") -> PValue | None:
+    """Probability of leaving as much as the answer does, where the noise is known."""
+    contest = selection.contest
+    if contest.measurement.sigma is None or not stages.go("whether what is left is more than noise"):
+        return None
+    best = selection.known[selection.present]
+    led = best.led_by(last.end, Noise(last.misfit, contest.floor.scatter))
+    return p_value(contest, best if selection.small else led)
+
+
+def _proposal(contest: Contest, ties: Ties, noise: Noise) -> Proposal | None:
+    """A reading that would settle the nearest tie that one would settle."""
+    for other in ties.tied:
+        names = other.instead_of, other.effects
+        found = next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
+        if found is not None:
+            return found
+    return None
 
 
 def _outside_the_catalogue(
@@ -470,59 +468,3 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
             )
         )
     return tuple(found)
-
-
-def _fits(contest: Contest, model: Model, selection: Selection, held: HeldOut) -> tuple[Fit, ...]:
-    """The fit of every nested set, polished."""
-    sets = [frozenset(selection.effects[:step]) for step in range(len(held.rms))]
-    every = zip(sets, selection.races, held.rms, strict=True)
-    return tuple(
-        _fit_of(contest, model, selection, names, race.noise, (rms, held.reason)) for names, race, rms in every
-    )
-
-
-def _fit_of(
-    contest: Contest, model: Model, selection: Selection, effects: Effects, under: Noise, held: tuple[float | None, str]
-) -> Fit:
-    uncertain = {u.effect for u in contest.measurement.knowledge.uncertain}
-    kept = frozenset({e.name for e in model.effects} | uncertain | effects)
-    polished = _polished(contest, selection.known, effects, under, last=effects >= set(selection.effects))
-    stage = Stage(
-        contest.space, contest.measurement, tuple(sorted(effects)), contest.free(effects), kept, contest.budget
-    )
-    scatter = contest.floor.scatter if contest.floor.scatter != NO_SCATTER else None
-    return summarise(stage, polished, *held, scatter=scatter)
-
-
-def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *, last: bool) -> Round:
-    """The best fit of one set, under the noise that it leaves; the ``last`` one under that of the table where it holds
-    within that.
-    """
-    own = known[effects] if effects in known else race(contest, under, [effects], known)[effects]
-    noise = Noise(misfit_left(contest, own), contest.floor.scatter)
-    again = race(contest, noise, [effects], known)[effects]
-    # A descent under another noise may end in another motion: where it came from must not be lost.
-    starts = [Start.at(end) for end in (*again.ends[:2], own.best)]
-    every = np.ones((len(starts), len(contest.measurement.run)), bool)
-
-    def polish(noise: Noise) -> Round:
-        data = contest.data(noise, again.best.point)
-        best = best_of(
-            descend(
-                contest.space,
-                data,
-                starts,
-                contest.free(effects),
-                every,
-                budget=contest.budget,
-                kept=again.best.point,
-                manner=POLISHED,
-            )
-        )
-        return Round(noise.allowance, data, best, starts, noise.allowance, best.cost)
-
-    if last and noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:
-        quiet = polish(contest.floor)
-        if misfit_left(contest, own.led_by(quiet.best, contest.floor)) == contest.floor.allowance:
-            return quiet
-    return polish(noise)

@@ -157,7 +157,7 @@ def test_verdict_and_table_are_of_one_fit(monkeypatch):
     """A fit again that ends in a worse optimum, as among several steady motions, does not replace the better one, of
     which the p-value is.
     """
-    module = sys.modules["rotorjax.discovery.explain"]
+    module = sys.modules["rotorjax.discovery.polished"]
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
     seen = {}
 
