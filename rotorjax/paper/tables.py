@@ -175,18 +175,9 @@ def table_04_05(study: Study, speed: float) -> Sheet:
         good = abs(squares[case, k] - value) <= HALF_DIGIT
         reason = "" if good else "the printed value and the printed error disagree"
         more = (network[case, k], float(row["error"]), errors[case, k], *ses)
-        rows.append(
-            Row(
-                row["case"],
-                row["parameter"],
-                UNITS[row["parameter"]],
-                value,
-                squares[case, k],
-                REBUILT if good else NOT,
-                reason,
-                more,
-            )
-        )
+        verdict: Verdict = REBUILT if good else NOT
+        case_name, parameter = row["case"], row["parameter"]
+        rows.append(Row(case_name, parameter, UNITS[parameter], value, squares[case, k], verdict, reason, more))
     number = 4 if speed == SPEEDS[0] else 5
     u = [standard_errors(r.diagnosed[0], covariance)[0] for covariance in at]
     text = (
@@ -259,18 +250,9 @@ def table_06(study: Study) -> Sheet:
         good = abs(values[k] - value) <= (0.0351 if UNITS[row["parameter"]] == "degree" else HALF_DIGIT)
         more = (float(row["error"]), 100.0 * float(found.errors[-1, k]))
         reason = "" if good else "the paper stops its loop at 0.1 %"
-        rows.append(
-            Row(
-                row["case"],
-                row["parameter"],
-                UNITS[row["parameter"]],
-                value,
-                values[k],
-                REBUILT if good else NOT,
-                reason,
-                more,
-            )
-        )
+        verdict: Verdict = REBUILT if good else NOT
+        case_name, parameter = row["case"], row["parameter"]
+        rows.append(Row(case_name, parameter, UNITS[parameter], value, values[k], verdict, reason, more))
     below = int(np.argmax(np.all(found.errors < 1e-3, axis=1)))
     text = (
         "That the induced values come out is no test of the rig: a root finder returns its target for any inverse. "
