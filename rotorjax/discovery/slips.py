@@ -108,7 +108,7 @@ def race_of_slips(contest: Contest, kinds: Collection[str], most: int, progress:
             screened = [_screened(contest, slip, NO_NOISE, odds[slip.name]) for slip in every]
             sound = [one for one in screened if _holds(one)]
             if sound:
-                return _without_what_is_stated(contest, sound, most, progress)
+                return _without_what_is_stated(stated, sound, most, progress)
     own = _alternative(None, select(contest, most, progress=progress))
     if contest.budget.exhausted:
         return Race((own,))
@@ -127,13 +127,13 @@ def _least(own: Alternative, noise: Noise) -> float:
     return _score(contest, own.selection.known[own.selection.present], noise, normalised=False) - NEAR
 
 
-def _without_what_is_stated(contest: Contest, sound: list[_Screened], most: int, progress: Progress) -> Race:
+def _without_what_is_stated(stated: _Screened, sound: list[_Screened], most: int, progress: Progress) -> Race:
     """Changes with which linear effects hold within the noise, where they do not with what is stated: that is searched
     last, with a share of the linearisations and one effect, for a force that depends on motion may hold.
     """
+    contest = stated.contest
     nearest, *further = sorted(sound, key=lambda one: one.end.cost - one.log_odds)
     first = _searched(nearest, most, progress)
-    stated = _Screened(None, nearest.contest, nearest.end, 0.0)
     others = [_searched(one, most, progress) for one in _near(first, stated, further, NO_NOISE)]
     limit = math.inf if contest.budget.limit is None else contest.budget.limit - contest.budget.spent
     share = int(min(EXACT_SHARE, limit))

@@ -39,8 +39,33 @@ def opposite(rig, rows):
     return f"{before}[runs.trial-b]{turned}", rows
 
 
+def reversed_probe(rig, rows):
+    return rig, [
+        {**row, "phase_deg": float(row["phase_deg"]) + (180.0 if row["probe"] == "Y" else 0.0)} for row in rows
+    ]
+
+
+def reversed_rotation(rig, rows):
+    return rig.replace('rotation = "x-to-y"', 'rotation = "y-to-x"'), rows
+
+
 def no_mistake(rig, rows):
     return rig, rows
+
+
+def explained(folder, mistake):
+    """The example with a mistake made in its files."""
+    write_example(folder)
+    with (folder / "measurement.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    rig_text, rows = mistake((folder / "rig.toml").read_text(encoding="utf-8"), rows)
+    (folder / "rig.toml").write_text(rig_text, encoding="utf-8")
+    with (folder / "measurement.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, rows[0].keys())
+        table.writeheader()
+        table.writerows(rows)
+    rig = read_rig(folder / "rig.toml")
+    return explain(rig.model, read_measurement(folder / "measurement.csv", rig), slips=True, thorough=False)
 
 
 CAMPAIGN = pytest.mark.campaign
@@ -59,20 +84,19 @@ CAMPAIGN = pytest.mark.campaign
     ],
 )
 def test_a_mistake_is_named_with_the_effects_beside_it(tmp_path, mistake, name):
-    write_example(tmp_path)
-    with (tmp_path / "measurement.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    rig_text, rows = mistake((tmp_path / "rig.toml").read_text(encoding="utf-8"), rows)
-    (tmp_path / "rig.toml").write_text(rig_text, encoding="utf-8")
-    with (tmp_path / "measurement.csv").open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, rows[0].keys())
-        table.writeheader()
-        table.writerows(rows)
-    rig = read_rig(tmp_path / "rig.toml")
-    found = explain(rig.model, read_measurement(tmp_path / "measurement.csv", rig), slips=True, thorough=False)
+    found = explained(tmp_path, mistake)
     named = [found.named, *(other.named for other in found.written.tied)]
     assert tuple(filter(None, (name, *EFFECTS))) in named
     assert found.verdict == ("undecided" if found.tied_groups() else "explained")
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("mistake", [reversed_probe, reversed_rotation])
+def test_a_reversed_probe_and_a_reversed_rotation_tie(tmp_path, mistake):
+    found = explained(tmp_path, mistake)
+    assert found.verdict == "undecided"
+    named = {found.named, *(other.named for other in found.written.tied)}
+    assert {("rotation_reversed", *EFFECTS), ("probe_reversed.Y", *EFFECTS)} <= named
 
 
 def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path):
