@@ -54,11 +54,6 @@ class Alternative(NamedTuple):
     """Allowance for misfit that its answer needs [m]."""
 
     @property
-    def slip_name(self) -> str | None:
-        """Name of what was changed, if anything."""
-        return None if self.slip is None else self.slip.name
-
-    @property
     def named(self) -> tuple[str, ...]:
         """What was changed, then the effects."""
         return (*([] if self.slip is None else [self.slip.name]), *self.selection.effects)
