@@ -78,9 +78,12 @@ class RotorInTime:
         self._at = compiled(_matrices, nameless(full), full, LINEAR_CHUNK)
 
     def matrices(self, speed_rpm: Float[np.ndarray, "speed"]) -> _InTime | None:
-        """Of every speed; none where an effect depends on frequency as no spring, damper or mass does."""
+        """Of every speed; none where an effect depends on frequency as no spring, damper or mass does, or leaves no
+        mass or no speed.
+        """
         found = _InTime(*self._at(np.asarray(speed_rpm, float) * RPM))
-        if not np.all(found.exists):
+        known = np.all(found.exists) and np.all(found.speed > 0.0)
+        if not known or not all(np.all(np.isfinite(part)) for part in found):
             return None
         # What the disk does not move is no foundation, but the place of one.
         moved = np.any(found.stiffness[:, :, :2] != 0.0, axis=(0, 2))
@@ -110,7 +113,8 @@ class RotorInTime:
         detuned = 1j * speed[:, None] - eigenvalue
         # Without damping the response at the critical speed has no end.
         detuned = np.where(np.abs(detuned) < ROUNDING * speed[:, None], ROUNDING * speed[:, None], detuned)
-        part = np.linalg.solve(shape, force)[:, :, 0] / detuned
+        # At critical damping two modes are one, and their shapes cannot be told apart.
+        part = (np.linalg.pinv(shape) @ force)[:, :, 0] / detuned
         shares = part[:, :, None] * np.swapaxes(shape[:, :2], 1, 2)
         return WhirlModes(speed, eigenvalue + 0j, shares, self._spin)
 

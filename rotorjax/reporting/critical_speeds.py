@@ -23,7 +23,7 @@ def critical_speeds_lines(story: Story) -> list[str]:
 def _told(found: Lateral, *, short: bool = False) -> str:
     """Critical speeds in a sentence. **Arguments:** ``short``: with the damping ratio alone."""
     if found.critical_speeds is None:
-        return "not known, for an effect depends on frequency as no spring or damper does"
+        return "not known, for no equation of motion in time stands for this model"
     if not found.critical_speeds:
         return "none, for the damping is too strong for a peak (damping ratio above 71 %)"
     told = [

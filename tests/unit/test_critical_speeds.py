@@ -97,7 +97,7 @@ def test_a_foundation_brings_critical_speeds_of_its_own():
     assert all(c.damping_ratio == pytest.approx(0.05, rel=0.02) for c in found[:2])
 
 
-@pytest.mark.parametrize("ratio", [0.9, 2.0])
+@pytest.mark.parametrize("ratio", [0.9, 1.0, 2.0])
 def test_a_rotor_damped_out_has_none(ratio):
     assert critical_speeds(Model(Jeffcott(1.0, [5e4, 5e4], ratio))) == ()
 
@@ -116,6 +116,11 @@ class Rubber(SupportEffect):
 
 def test_not_known_where_no_equation_in_time_is():
     assert critical_speeds(Jeffcott(1.0, 5e4, 0.02) + Rubber()) is None
+
+
+@pytest.mark.parametrize("effect", [effects.MassError(-1.0), effects.SpeedError(-1e6)])
+def test_not_known_without_mass_or_speed(effect):
+    assert critical_speeds(Jeffcott(1.0, 5e4, 0.02) + effect) is None
 
 
 def test_logarithmic_decrement_is_that_of_free_vibration():
