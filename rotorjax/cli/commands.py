@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -148,6 +149,7 @@ def simulate(options: argparse.Namespace) -> None:
     from rotorjax.reporting.tables import wrapped
 
     rig = read_rig(options.rig)
+    _note(rig.notes)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
     if abs(options.seed) > LARGEST_SEED:
@@ -222,7 +224,9 @@ def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
     from rotorjax.data.rig import read_rig
 
     rig = read_rig(options.rig)
-    return rig, _measurement(options.data, rig)
+    measurement = _measurement(options.data, rig)
+    _note(measurement.notes)
+    return rig, measurement
 
 
 def _measurement(path: Path, rig: "Rig") -> "Measurement":
@@ -230,9 +234,14 @@ def _measurement(path: Path, rig: "Rig") -> "Measurement":
     from rotorjax.data.table import read_table
 
     table = read_table(path, probes=rig.model.layout.probes)
-    for note in table.notes:
-        complain(f"note: {note}")
+    _note(table.notes)
     return rig.measurement(table, path)
+
+
+def _note(notes: Iterable[str]) -> None:
+    """What was tolerated, or looks like a mistake, on standard error."""
+    for note in notes:
+        complain(f"note: {note}")
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -58,6 +58,8 @@ class Limits(NamedTuple):
     speed_rpm: tuple[float, float] | None = None
     amplitude_um: float | None = None
     trial_weight_g_mm: float | None = None
+    operating_speed_rpm: tuple[float, float] | None = None
+    """Lowest and highest speed at which the machine runs: what separation margins refer to."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Measurement(Shown):
     """Standard error of real and of imaginary part [m], where the noise is known."""
     noise: Literal["given", "repeats", "unknown"] = "unknown"
     knowledge: Knowledge = Knowledge()
+    notes: tuple[str, ...] = ()
+    """What in the rig file or in the table looks like a mistake, one line each."""
 
     @classmethod
     def from_arrays(  # noqa: PLR0913

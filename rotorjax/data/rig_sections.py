@@ -209,16 +209,16 @@ def uncertainty_of(document: Document, probes: tuple[str, ...]) -> dict[str, Any
     section = document.section("uncertainty")
     uncertain: list[Uncertain] = []
     for key, (effect, label, logarithmic) in _UNCERTAIN_PAIRS.items():
-        value = section.raw(key, 0.0)
-        common = value.get("common") if isinstance(value, dict) else None
-        if common is not None:
+        common = isinstance(section.data.get(key), dict) and "common" in section.table(key)
+        if common:
             table = section.table(key)
             deviations = dict.fromkeys("xy", table.number("common", least=0.0))
             table.close()
         else:
-            deviations = dict(zip("xy", section.pair(key, least=0.0), strict=True)) if key in section else {}
+            pair = section.pair(key, least=0.0, also=("common",)) if key in section else None
+            deviations = {} if pair is None else dict(zip("xy", pair, strict=True))
         for axis, deviation in deviations.items():
-            group = key if common is not None else f"{key}.{axis}"
+            group = key if common else f"{key}.{axis}"
             uncertain.append(Uncertain(effect, label.format(axis), deviation, logarithmic, group))
     uncertain.append(Uncertain("mass_error", "error", section.number("mass", 0.0, least=0.0), True, "mass"))
     for key, (effect, label, logarithmic, unit) in _UNCERTAIN_PROBES.items():
@@ -237,23 +237,30 @@ def uncertainty_of(document: Document, probes: tuple[str, ...]) -> dict[str, Any
 
 
 def limits_of(document: Document) -> Limits:
-    """What a next measurement may ask for."""
+    """What a next measurement may ask for, and where the machine runs."""
     section = document.section("limits")
-    speeds = section.raw("speed_rpm")
-    pair = None
-    if speeds is not None:
-        if isinstance(speeds, list) and len(speeds) == 2:
-            low, high = (section.checked("speed_rpm", speed, above=0.0) for speed in speeds)
-            pair = low, high
-            if low >= high:
-                section.problem("speed_rpm", "must rise; write [lowest, highest]")
-        else:
-            section.problem("speed_rpm", f"must be [lowest, highest], not {speeds!r}")
+    speeds = _speeds(section, "speed_rpm") if "speed_rpm" in section else None
     amplitude = section.number("amplitude_um", above=0.0) if "amplitude_um" in section else None
     weight = section.number("trial_weight_g_mm", above=0.0) if "trial_weight_g_mm" in section else None
-    section.asked |= {"amplitude_um", "trial_weight_g_mm"}
+    operating, key = None, "operating_speed_rpm"
+    if key in section:
+        one = section.raw(key)
+        alone = math.nan if isinstance(one, list) else section.number(key, above=0.0)
+        operating = _speeds(section, key) if isinstance(one, list) else (alone, alone)
     section.close()
-    return Limits(pair, amplitude, weight)
+    return Limits(speeds, amplitude, weight, operating)
+
+
+def _speeds(section: Section, key: str) -> tuple[float, float] | None:
+    """A range of speeds [rpm]."""
+    speeds = section.raw(key)
+    if not (isinstance(speeds, list) and len(speeds) == 2):
+        section.problem(key, f"must be [lowest, highest], not {speeds!r}")
+        return None
+    low, high = (section.checked(key, speed, above=0.0) for speed in speeds)
+    if low >= high:
+        section.problem(key, "must rise; write [lowest, highest]")
+    return low, high
 
 
 def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[str, dict[str, float]]:
@@ -265,7 +272,6 @@ def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[s
             continue
         declared = [p.name for p in catalog[name].parameters()]
         priors[name] = {key: table.number(key, above=0.0) for key in declared if key in table}
-        table.asked |= set(declared)
         table.close()
     return priors
 

@@ -131,6 +131,7 @@ class Section:
     def __init__(self, document: Document, path: tuple[str, ...], data: Any):
         self.document, self.path = document, path
         self.asked: set[str] = set()
+        """Keys that were asked for: all that may be here, also those that are not."""
         self.reported = not isinstance(data, dict)
         """Whether this is no table at all, so that what it lacks needs no message of its own."""
         if not isinstance(data, dict):
@@ -139,6 +140,7 @@ class Section:
         self.data: dict[str, Any] = data
 
     def __contains__(self, key: str) -> bool:
+        self.asked.add(key)
         return key in self.data
 
     def problem(self, key: str, rule: str) -> None:
@@ -181,8 +183,10 @@ class Section:
             return float(value)
         return math.nan
 
-    def pair(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> tuple[float, float]:
-        """``{ x = 1.0, y = 2.0 }``, or one number for both."""
+    def pair(
+        self, key: str, *, above: float = -math.inf, least: float = -math.inf, also: tuple[str, ...] = ()
+    ) -> tuple[float, float]:
+        """``{ x = 1.0, y = 2.0 }``, or one number for both. **Arguments:** ``also``: keys that may be there instead."""
         value = self.raw(key)
         if value is None:
             self.missing(key, "give { x = ..., y = ... }")
@@ -191,15 +195,17 @@ class Section:
             one = self.checked(key, value, above=above, least=least)
             return one, one
         table = Section(self.document, (*self.path, key), value)
+        table.asked |= set(also)
         both = table.number("x", above=above, least=least), table.number("y", above=above, least=least)
         table.close()
         return both
 
-    def choice(self, key: str, options: tuple[str, ...]) -> str:
-        """One of a few words; the first is the default."""
+    def choice(self, key: str, options: tuple[str, ...], *, cure: str = "") -> str:
+        """One of a few words; the first is the default. **Arguments:** ``cure``: what to do, for another word."""
         value = self.raw(key, options[0])
         if value not in options:
-            self.problem(key, f"{shown(value)} is not one of {', '.join(map(repr, options))}")
+            how = f"; {cure}" if cure else ""
+            self.problem(key, f"{shown(value)} is not one of {', '.join(map(repr, options))}{how}")
             return options[0]
         return value
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair, require_float64
 from rotorjax.data.measurement import Measurement
-from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
+from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm, natural_speeds_rpm
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance, response_to
 from rotorjax.inference.space import Space, make_space, with_company
 from rotorjax.model.conditions import Conditions
@@ -363,8 +363,14 @@ def _largest(covariance: np.ndarray) -> float:
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
 
+def _peaks_rpm(model: Model) -> Float[np.ndarray, "_"]:
+    """Critical speeds, or where damping leaves none the natural frequencies of the axes."""
+    peaks = critical_speeds_rpm(model)
+    return peaks if len(peaks) else natural_speeds_rpm(model)
+
+
 def _entanglement(speeds: np.ndarray, model: Model) -> str:
-    axes = " and ".join(f"{speed:.0f}" for speed in critical_speeds_rpm(model))
+    axes = " and ".join(f"{speed:.0f}" for speed in _peaks_rpm(model))
     if np.ptp(speeds) <= 0.02 * np.min(speeds):
         return (
             f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (critical speeds {axes} rpm): bow and "
@@ -379,7 +385,7 @@ def _entanglement(speeds: np.ndarray, model: Model) -> str:
 
 def _cure(solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:
     """The further speed within the limits that would tell them apart best, with the error that it would leave."""
-    peaks, limits = critical_speeds_rpm(model), measurement.knowledge.limits
+    peaks, limits = _peaks_rpm(model), measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.3 * peaks.min(), 1.7 * peaks.max())
     candidates = np.linspace(low, high, 57)
     conditions = Conditions.at_rpm(candidates, unbalance=np.zeros((len(model.layout.planes), 2)))

@@ -14,6 +14,12 @@ from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.model.model import Model
+from rotorjax.reporting.critical_speeds import (
+    critical_speeds_json,
+    critical_speeds_lines,
+    critical_speeds_table,
+    stability_json,
+)
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.sizes import Size, sizes
 from rotorjax.reporting.tables import Table, laid_out, number
@@ -207,7 +213,7 @@ def findings(story: Story) -> list[str]:
     """What else a user must know: ties, effects without use, combinations, scatter between runs,
     failures to converge.
     """
-    lines = []
+    lines = [f"{note}." for note in story.measurement.notes]
     if story.undriven:
         names = ", ".join(f"{order:g}X" for order in story.undriven)
         lines.append(
@@ -286,13 +292,18 @@ def _why(rival: Rival, story: Story) -> str:
 
 def comparison_text(story: Story, *, width: int | None = None) -> str:
     """Everything that `rotorjax compare` prints. **Arguments:** ``width``: columns of the terminal, if it is one."""
-    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story)]
-    if story.fits:
-        parts += step_tables(story)
+    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story), *critical_speeds_lines(story)]
+    parts += _comparison_tables(story)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
     parts += [worst_cells(story.last, title), share_table(story.last, "Share of the misfit")]
     return laid_out(parts, width, everything="--report FILE.html")
+
+
+def _comparison_tables(story: Story) -> list[Table]:
+    """What fitting brought, and critical speeds."""
+    critical = critical_speeds_table(story)
+    return [*(step_tables(story) if story.fits else []), *([] if critical is None else [critical])]
 
 
 def step_tables(story: Story) -> list[Table]:
@@ -317,6 +328,8 @@ def comparison_json(story: Story) -> dict[str, Any]:
         "run_scatter": story.fits[-1].run_scatter.as_json()
         if story.fits and story.fits[-1].run_scatter != NO_SCATTER
         else None,
+        "critical_speeds": critical_speeds_json(story),
+        "stability": stability_json(story),
         "findings": findings(story),
     }
 
@@ -385,8 +398,9 @@ def comparison_page(
     )
     names = tuple(dict.fromkeys(story.additions))
     found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
-    headline = Headline("compared", verdict(story), "", found, [], Picture.every(first or []))
-    tables = step_tables(story) if story.fits else []
+    lines = critical_speeds_lines(story)
+    headline = Headline("compared", verdict(story), "", found, lines, Picture.every(first or []))
+    tables = _comparison_tables(story)
     return Page(
         title,
         headline,

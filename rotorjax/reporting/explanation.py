@@ -3,7 +3,6 @@
 from rotorjax.data.declarations import Slip
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction
-from rotorjax.diagnosis.critical_speeds import CriticalSpeed, critical_speeds
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.named_force import NamedForce
@@ -11,7 +10,6 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
 from rotorjax.inference.noise import NO_SCATTER
-from rotorjax.model.model import Model
 from rotorjax.reporting.balance import balance_lines, corrections, predicted_table
 from rotorjax.reporting.comparison import (
     findings,
@@ -21,6 +19,7 @@ from rotorjax.reporting.comparison import (
     step_tables,
     worst_cells,
 )
+from rotorjax.reporting.critical_speeds import critical_speeds_lines, critical_speeds_table
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.units import MICROMETRE, unit_of
@@ -229,40 +228,6 @@ def _others(sets: list[list[str]]) -> str:
     return f"{listed(sets[0])}, or from {len(sets) - 1} other sets listed below"
 
 
-def critical_speeds_line(found: Explanation) -> str:
-    """Critical speeds with what was added, and as declared where they differ."""
-    before, after = (critical_speeds(model) for model in before_and_after(found))
-    if not after:
-        return ""
-    told = f"Critical speeds: {_told(after)}"
-    return (
-        f"{told}; as declared {_told(before)}."
-        if found.effects and before and _told(before) != _told(after)
-        else f"{told}."
-    )
-
-
-def _told(speeds: tuple[CriticalSpeed, ...]) -> str:
-    """Speeds in a sentence, with their amplification factors and damping ratios."""
-    factors = [
-        f"{one.speed_rpm:.0f} rpm"
-        + (
-            ""
-            if one.amplification is None
-            else f" (amplification factor {number(one.amplification)}, damping ratio "
-            f"{number(50.0 / one.amplification, 2)} %)"
-        )
-        for one in speeds
-    ]
-    return listed(factors)
-
-
-def before_and_after(found: Explanation) -> tuple[Model, Model]:
-    """The model as declared, and with what was added, for the orders measured."""
-    orders = found.story.measurement.orders
-    return found.story.model.with_orders(orders), found.model.with_orders(orders)
-
-
 def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     """What would balance the rotor, where an unbalance was found."""
     open_names = {name for group in found.ties.groups() for names in group for name in names}
@@ -412,11 +377,12 @@ def _chi2(found: Explanation, ranked: Ranked) -> str:
 
 
 def explanation_tables(found: Explanation) -> list[Table]:
-    """Error fall, parameters, what ties, terms of the missing force, rankings."""
+    """Error fall, parameters, critical speeds, what ties, terms of the missing force, rankings."""
     terms = None if found.named_force is None else missing_force_table(found.named_force)
+    critical = critical_speeds_table(found.story)
     return [
         *step_tables(found.story),
-        *(table for table in (ties_table(found), terms) if table is not None),
+        *(table for table in (critical, ties_table(found), terms) if table is not None),
         *ranking_tables(found),
     ]
 
@@ -434,7 +400,7 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     """
     parts: list[str | Table] = [measurement_line(found.story.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
-    parts += [line for line in (critical_speeds_line(found), *_to_balance(found, rig)) if line]
+    parts += [*critical_speeds_lines(found.story), *_to_balance(found, rig)]
     parts += explanation_tables(found)
     parts.append(worst_cells(found.story.last, "Where it still fails" if found.named else "Where it fails"))
     parts.append(cost_line(found))
@@ -459,7 +425,8 @@ def explanation_page(
     where += [worst_cells(story.last, "Where it fails with what was added")] if story.changed else []
     where.append(share_table(story.last, "Share of what is left"))
     said, drawn = notes(found), Picture.every(pictures)
-    top, tables, model = headline(found, first or [], rig), explanation_tables(found), before_and_after(found)[1]
+    top, tables = headline(found, first or [], rig), explanation_tables(found)
+    model = found.model.with_orders(story.measurement.orders)
     tables += [predicted_table(model, one, story.measurement.speed_cluster()[1]) for one in corrections_of(found, rig)]
     return Page(
         title, top, sentence(found), measurement_line(story.measurement), said, tables, drawn, where, cost_line(found)
@@ -473,6 +440,6 @@ def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | N
     ](found)
     effects = sizes_by_effect(found.story.fits[-1], found.effects, None if rig is None else rig.convention)
     next_one = [line for line in notes(found) if line.startswith(("Measure next", "No reading within"))]
-    lines = [line for line in (*_to_balance(found, rig), critical_speeds_line(found), *_ties(found), *next_one) if line]
+    lines = [*_to_balance(found, rig), *critical_speeds_lines(found.story), *_ties(found), *next_one]
     fall = " ".join(filter(None, (_misses(found), _fall(found) if found.named else "", _left(found))))
     return Headline(found.verdict, told, fall, effects, lines, Picture.every(pictures))

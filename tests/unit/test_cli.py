@@ -54,6 +54,23 @@ def test_example_hides_two_effects_and_compare_finds_their_sizes(told):
     assert "within" in told["verdict"] or "what the noise allows" in told["verdict"]
 
 
+def test_compare_states_critical_speeds_as_declared_and_with_what_was_added(told, example):
+    """√(k / M) of the rig file, 2 % damping; then 1 % more stiffness along x, and cross-coupling."""
+    before, after = told["critical_speeds"]["before"], told["critical_speeds"]["after"]
+    np.testing.assert_allclose([c["speed_rpm"] for c in before], [2196.1, 2304.7], atol=0.1)
+    np.testing.assert_allclose([c["damping_ratio"] for c in before], 0.02, rtol=1e-6)
+    np.testing.assert_allclose([c["speed_rpm"] for c in after], [2202.0, 2311.0], atol=3.0)
+    np.testing.assert_allclose([c["damping_ratio"] for c in after], 0.0199, atol=3e-4)
+    np.testing.assert_allclose([c["amplification_factor"] * 2.0 * c["damping_ratio"] for c in after], 1.0)
+    assert before[0]["amplitude_um"] is None
+    assert after[0]["amplitude_um"]["Y"] > after[0]["amplitude_um"]["X"] > 100.0
+    assert [c["separation_margin"] for c in after] == ["inside", "inside"]
+    assert told["stability"]["speed_range_rpm"] == pytest.approx([700.0, 2800.0])
+    assert told["stability"]["after"]["onset_rpm"] is None
+    assert told["stability"]["after"]["log_decrement"] == pytest.approx(0.124, abs=0.003)
+    assert "Critical speeds: 22" in (example / "r.html").read_text().split("<nav")[0]
+
+
 def test_written_model_is_taken_by_compare(example, told, capsys):
     assert (
         run("compare", example / "measurement.csv", "--rig", example / "fitted.toml", "--json", example / "again.json")
