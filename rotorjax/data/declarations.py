@@ -65,6 +65,29 @@ class Slip(NamedTuple):
         return ".".join((self.kind, *self.about))
 
 
+class AmplitudeChange(NamedTuple):
+    """Amplitudes of the whole table too large by a factor, too small where it is below one."""
+
+    kind: str
+    about: tuple[str, ...]
+    factor: float
+    meaning: str
+    cure: str
+
+
+_PEAK = "[convention] amplitude: write the other of peak and peak-to-peak"
+_MILS = "the table: {} amplitude_um and sigma_um by 25.4"
+AMPLITUDE_CHANGES = (
+    AmplitudeChange("amplitude_doubled", (), 2.0, "amplitudes are peak-to-peak where peak is stated", _PEAK),
+    AmplitudeChange("amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", _PEAK),
+    AmplitudeChange("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
+    AmplitudeChange(
+        "amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", _MILS.format("divide")
+    ),
+)
+"""What a factor common to all amplitudes may come from."""
+
+
 def slips(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Slip]:
     """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
     makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs)
@@ -149,14 +172,7 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
     """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
     if m.rms == 0.0:
         return
-    peak = "[convention] amplitude: write the other of peak and peak-to-peak"
-    mils = "the table: {} amplitude_um and sigma_um by 25.4"
-    for kind, about, factor, meaning, cure in (
-        ("amplitude_doubled", (), 2.0, "amplitudes are peak-to-peak where peak is stated", peak),
-        ("amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", peak),
-        ("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", mils.format("multiply")),
-        ("amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", mils.format("divide")),
-    ):
+    for kind, about, factor, meaning, cure in AMPLITUDE_CHANGES:
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
             return _with_participation(model, np.full(len(model.layout.probes), factor)), m

@@ -164,6 +164,11 @@ class Measurement(Shown):
         return np.asarray(self.conditions.speed) / RPM
 
     @property
+    def noise_rms(self) -> float | None:
+        """What the rms over all vectors is of noise alone, sqrt(2 mean sigma²) [m]; none where it is unknown."""
+        return None if self.sigma is None else float(np.sqrt(2.0 * np.mean(self.sigma[self.present] ** 2)))
+
+    @property
     def rms(self) -> float:
         """Root mean square of |z| over the cells present [m]."""
         return float(np.sqrt(np.mean(np.abs(self.vectors[self.present]) ** 2)))

@@ -112,6 +112,8 @@ class Explanation(Reported):
     terms that would do as well as the effects found.
     """
     cost: Cost
+    tried_slips: bool = False
+    """Whether changes of what rig file and table state were in the race."""
 
     def __repr__(self) -> str:
         p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
@@ -240,20 +242,20 @@ def explain(  # noqa: PLR0913
         )
     # Where nothing was measured, a gain of zero would explain it all.
     allowed = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
-    candidates, kinds = [name for name in allowed if name in catalog], [name for name in allowed if name in KINDS]
+    candidates, kinds = ([name for name in allowed if name in known] for known in (catalog, KINDS))
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
     contest = make_contest(full, kept, candidates, catalog, Budget(limit))
-    declared = _declared(contest)
-    require_steady(declared, kept)
+    require_steady(declared := _declared(contest), kept)
 
     def told(line: str) -> None:
         progress(f"{line} ({contest.budget.spent:,} of {limit:,} linearisations)")
 
     written = race_of_slips(contest, kinds, max_effects, told)
     stated = compare_vectors(declared, contest.measurement, full)
-    full, selection = _as_done(full, written.best, candidates, catalog, told)
-    return _answer(full, stated, written, selection, undriven, catalog, thorough, told)
+    right, selection = _as_done(full, written.best, candidates, catalog, told)
+    found = _answer(right, stated, written, selection, undriven, catalog, thorough, told)
+    return dataclasses.replace(found, tried_slips=bool(kinds))
 
 
 def _as_done(

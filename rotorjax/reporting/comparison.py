@@ -8,7 +8,7 @@ import numpy as np
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Cell, Comparison
-from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
+from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
@@ -16,12 +16,15 @@ from rotorjax.model.model import Model
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.sizes import Size, sizes
 from rotorjax.reporting.tables import Table, laid_out, number
+from rotorjax.reporting.wording import opening, plain_name, said
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 WORST = 8
 """Cells shown among the worst."""
 SUSPICIOUS_CHI2 = 0.1
 """Reduced chi-square below which the standard errors of a table cannot be right."""
+CHI2 = "reduced chi² (1 = noise)"
+"""Head of a column: squared residual in squared standard errors per degree of freedom."""
 HELPS = 0.95
 """An addition that leaves more than this share of the error has not helped."""
 
@@ -34,16 +37,18 @@ def measurement_line(m: Measurement) -> str:
         else f"{m.speed_rpm[0]:.0f} rpm"
     )
     orders = ", ".join(f"{order:g}X" for order in m.orders)
-    if m.sigma is None:
+    if m.sigma is None or m.noise_rms is None:
         noise = "noise not given: inferred from what the fit leaves"
     else:
         source = "from repeats" if m.noise == "repeats" else "given"
-        noise = f"standard error {number(float(np.median(m.sigma[m.present])) / MICROMETRE)} µm ({source})"
+        error = float(np.median(m.sigma[m.present])) / MICROMETRE
+        alone = number(m.noise_rms / MICROMETRE)
+        noise = f"standard error {number(error)} µm per component ({source}): noise alone is {alone} µm rms"
     runs = "1 run" if len(m.runs) == 1 else f"{len(m.runs)} runs"
     probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
     return (
         f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} "
-        f"µm rms, {noise}"
+        f"µm rms (over all vectors, zero to peak), {noise}"
     )
 
 
@@ -55,7 +60,7 @@ def verdict(story: Story) -> str:
     before, after = story.views[0].rms, story.last.rms
     if _has_uncertain(story):
         first += f" With its uncertain values fitted {number(before / MICROMETRE)} µm remain."
-    names = ", ".join(story.additions)
+    names = said(story.additions)
     needed = [r for r in story.rivals if r.instead is None and not r.tied]
     if after > HELPS * before and not needed:
         return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
@@ -74,7 +79,7 @@ def _remains(story: Story) -> str:
         return "The noise is unknown, so that nothing says whether what is left is more than noise."
     if _healthy(chi2, story.last):
         return "What is left is what the noise allows."
-    return f"What is left is {number(math.sqrt(chi2))} times the standard error: more than noise."
+    return f"What is left is more than noise: reduced chi² {number(chi2)} (1 = noise only)."
 
 
 def _healthy(chi2: float, view: Comparison) -> bool:
@@ -82,15 +87,25 @@ def _healthy(chi2: float, view: Comparison) -> bool:
     return chi2 <= 1.0 + 4.0 * math.sqrt(2.0 / np.count_nonzero(view.measurement.weights(0.0)))
 
 
-def _fails(view: Comparison, subject: str) -> str:
+def misfit_share(view: Comparison) -> str:
+    """The rms residual, and its share of what was measured."""
     rms, size = view.rms / MICROMETRE, view.measurement.rms / MICROMETRE
     share = f", {number(100.0 * rms / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
-    amount = f"{number(rms)} µm rms{share}"
-    if view.reduced_chi2 is None:
-        return f"{subject} misses by {amount}; the noise is unknown, so that nothing says whether this is much."
-    if _healthy(view.reduced_chi2, view):
+    return f"{number(rms)} µm rms{share}"
+
+
+def _fails(view: Comparison, subject: str) -> str:
+    amount, chi2 = misfit_share(view), view.reduced_chi2
+    if chi2 is None:
+        return (
+            f"{subject} differs from the measurement by {amount}; the noise is unknown, so that nothing says whether "
+            "this is much."
+        )
+    if _healthy(chi2, view):
         return f"{subject} is within the noise: {amount}."
-    return f"{subject} fails: it misses by {amount}, {number(math.sqrt(view.reduced_chi2))} times the standard error."
+    return (
+        f"{subject} fails: it differs from the measurement by {amount}; reduced chi² {number(chi2)} (1 = noise only)."
+    )
 
 
 def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
@@ -110,7 +125,8 @@ def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
     ]
     rows = [_cell_row(cell) for cell in cells[:count]]
     spare = ["model µm", "amplitude ratio", "phase error °", "std. errors", "measured µm"]
-    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows, spare=spare)
+    note = "" if view.standardised is None else "Standard errors are those of one component: of noise alone 1.4 rms."
+    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows, note, spare=spare)
 
 
 def _cell_row(cell: Cell) -> list[str]:
@@ -165,37 +181,21 @@ def fall_table(story: Story) -> Table:
         state = "" if fitted is None or fitted.converged else "not converged"
         rows.append([label, number(view.rms / MICROMETRE), held, number(chi2), state])
     reason = story.fits[-1].held_out_reason if story.fits else ""
-    note = f"Nothing held out: {reason}." if reason else ""
-    headers = ["step", "rms µm", "held out µm", "chi² / freedom", ""]
-    return Table("The error as effects are added", headers, rows, note, spare=["chi² / freedom", "held out µm"])
+    note = f"The error on data held out is not known: {reason}." if reason else ""
+    headers = ["step", "rms µm", "held out µm", CHI2, ""]
+    return Table("The error as effects are added", headers, rows, note, spare=[CHI2, "held out µm"])
 
 
-def parameter_table(fitted: Fit) -> Table:
-    """Fitted parameters with 95 % intervals, and what their prior was."""
-    rows = [_parameter_row(e, fitted.quantile) for e in fitted.estimates]
-    note = "In rig files and with --effect the same values are in SI, the unit at the end of the name."
-    headers = ["parameter", "value", "±", "unit", "prior ±", "remark"]
-    return Table("Parameters (95 % intervals)", headers, rows, note, spare=["prior ±"])
-
-
-def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
-    entry, unit = estimate.entry, estimate.entry.unit
-    remarks = []
-    if not estimate.determined:
-        remarks.append("not determined by these data: the interval is the prior's")
-    if estimate.finding:
-        remarks.append(f"moved by {abs(estimate.pull):.1f} of its standard deviations: a finding")
-    elif entry.declared_uncertain:
-        remarks.append("declared uncertain")
-    value, error = estimate.value / unit.factor, quantile * estimate.standard_error / unit.factor
-    return [
-        entry.key,
-        number(value, 4),
-        number(error, 2),
-        unit.shown,
-        number(NORMAL_QUANTILE * entry.scale / unit.factor, 2),
-        "; ".join(remarks),
+def parameter_table(fitted: Fit, convention: Convention | None = None) -> Table:
+    """Fitted sizes with 95 % intervals, the names that rig files have for them, and what their prior was."""
+    effects = tuple(dict.fromkeys(e.entry.effect for e in fitted.estimates))
+    rows = [
+        [size.effect, size.what, size.value, size.prior, ", ".join(size.labels), size.remark]
+        for size in sizes(fitted, effects, convention)
     ]
+    note = "In rig files and with --effect values are in SI, the unit at the end of the name; --write-rig writes them."
+    headers = ["effect", "size of", "value (95 % interval)", "prior ±", "in rig files", "remark"]
+    return Table("Parameters", headers, rows, note, spare=["prior ±", "in rig files", "remark"])
 
 
 def findings(story: Story) -> list[str]:
@@ -262,12 +262,13 @@ def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
     out = next((r for r in found if r.instead is None), None)
     if out is not None and out.tied:
         how = "as good" if out.loss > -TIE else "better"
-        return [f"{name} is not needed: without it the fit is {how} ({number(out.rms / MICROMETRE)} µm rms)."]
+        rms = number(out.rms / MICROMETRE)
+        return [f"{opening(plain_name(name))} is not needed: without it the fit is {how} ({rms} µm rms)."]
     lines = []
     for rival in found:
         if rival.instead is not None and rival.tied:
             lines.append(
-                f"{name} ties with {rival.instead}: with the latter instead the fit is as good "
+                f"{opening(plain_name(name))} ties with {plain_name(rival.instead)}: with that the fit is as good "
                 f"({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
             )
     return lines
@@ -279,20 +280,22 @@ def _why(rival: Rival, story: Story) -> str:
     return ""
 
 
-def comparison_text(story: Story, *, width: int | None = None) -> str:
-    """Everything that `rotorjax compare` prints. **Arguments:** ``width``: columns of the terminal, if it is one."""
+def comparison_text(story: Story, convention: Convention | None = None, *, width: int | None = None) -> str:
+    """Everything that `rotorjax compare` prints. **Arguments:** ``convention`` of angles; ``width``: columns of the
+    terminal, if it is one.
+    """
     parts: list[str | Table] = [measurement_line(story.measurement), verdict(story)]
     if story.fits:
-        parts += step_tables(story)
+        parts += step_tables(story, convention)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
     parts += [worst_cells(story.last, title), share_table(story.last, "Share of the misfit")]
     return laid_out(parts, width, everything="--report FILE.html")
 
 
-def step_tables(story: Story) -> list[Table]:
-    """The fall of the error, and the parameters if any were fitted."""
-    return [fall_table(story), *([parameter_table(story.fits[-1])] if story.fits[-1].estimates else [])]
+def step_tables(story: Story, convention: Convention | None = None) -> list[Table]:
+    """The fall of the error, and the parameters if any were fitted. **Arguments:** ``convention`` of angles."""
+    return [fall_table(story), *([parameter_table(story.fits[-1], convention)] if story.fits[-1].estimates else [])]
 
 
 def comparison_json(story: Story) -> dict[str, Any]:
@@ -375,11 +378,10 @@ def comparison_page(
     names = tuple(dict.fromkeys(story.additions))
     found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
     headline = Headline("compared", verdict(story), "", found, [], Picture.every(first or []))
-    tables = step_tables(story) if story.fits else []
+    tables = step_tables(story, convention) if story.fits else []
     return Page(
         title,
         headline,
-        "",
         measurement_line(story.measurement),
         findings(story),
         tables,

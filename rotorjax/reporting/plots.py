@@ -18,6 +18,7 @@ from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.physics.harmonic_balance import SAMPLES
 from rotorjax.reporting.curves import Curve
+from rotorjax.reporting.wording import percent
 from rotorjax.units import MICROMETRE
 
 COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
@@ -245,7 +246,7 @@ def error_fall(
             label="held out",
         )
     if noise_um is not None:
-        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise of the table")
+        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise alone (√2 standard errors)")
     for x, value in zip(at, rms_um, strict=True):
         axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(8, 4), fontsize=8)
     axes.set_yscale("log")
@@ -264,7 +265,7 @@ def probabilities(axes: Axes, effects: list[str], values: list[float]) -> Axes:
     axes.barh(at, values, color=["0.65" if name == "none" else COLOURS[0] for name in effects])
     for y, value in zip(at, values, strict=True):
         axes.annotate(
-            f"{100.0 * value:.1f} %" if value > 5e-4 else "< 0.1 %",
+            percent(value),
             (value, y),
             textcoords="offset points",
             xytext=(4, 0),

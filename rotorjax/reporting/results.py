@@ -39,7 +39,7 @@ def summary(result: Any, rig: Rig | None = None) -> str:
     if isinstance(result, Explanation):
         return explanation_text(result, rig)
     if isinstance(result, Story):
-        return comparison_text(result)
+        return comparison_text(result, None if rig is None else rig.convention)
     if isinstance(result, Measurement):
         return measurement_line(result)
     return "\n\n".join(

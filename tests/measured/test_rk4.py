@@ -75,7 +75,7 @@ def test_bow_and_unbalance_tie(story):
     """Slow roll is subtracted: a bow does as well as an unbalance, and the tool says so."""
     swap = next(r for r in story.rivals if (r.effect, r.instead) == ("residual_unbalance", "residual_bow"))
     assert swap.tied
-    assert any("residual_unbalance ties with residual_bow" in line for line in findings(story))
+    assert any("Residual unbalance ties with residual bow" in line for line in findings(story))
     assert "more than noise" in verdict(story)
 
 
