@@ -133,7 +133,7 @@ def _named(
     scores = {
         k: _score(fitted)
         for k, fitted in enumerate(fits)
-        if _believable(fitted) and _reached(likely[k], fitted, force.reach)
+        if _believable(fitted) and reached(likely[k], fitted, force.reach)
     }
     if not scores:
         return NamedForce(force, (), beside, None)
@@ -157,7 +157,7 @@ def _believable(fitted: Fit) -> bool:
     return fitted.end.exact and math.isfinite(fitted.end.cost) and not fitted.objections(fitted.free)
 
 
-def _reached(terms: tuple[Candidate, ...], fitted: Fit, reach: Reach) -> bool:
+def reached(terms: tuple[Candidate, ...], fitted: Fit, reach: Reach) -> bool:
     """Whether the rotor came to every gap: one that it never reached, or on no side, is not what was seen."""
     for term in terms:
         if term.gap is None:

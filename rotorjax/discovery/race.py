@@ -393,9 +393,9 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
             if contest.budget.limit is None
             else min(EXACT_SHARE, contest.budget.limit - contest.budget.spent)
         )
-        apart = dataclasses.replace(contest, budget=Budget(left))
+        apart = dataclasses.replace(contest, budget=contest.budget.part(left))
         exact = race(apart, contest.floor, wanted, known)
-        contest.budget.spent += apart.budget.spent
+        contest.budget.spend(apart.budget.spent)
         if _leader_holds(contest, exact, wanted):
             # What was cut off, as the share was spent, goes on.
             exact = race(contest, contest.floor, wanted, {**known, **exact})

@@ -19,7 +19,6 @@ from rotorjax.discovery.race import EXACT_SHARE, Contender, Contest, Effects, mi
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import NO_NOISE, Noise
 
@@ -137,9 +136,9 @@ def _without_what_is_stated(stated: _Screened, sound: list[_Screened], most: int
     others = [_searched(one, most, progress) for one in _near(first, stated, further, NO_NOISE)]
     limit = math.inf if contest.budget.limit is None else contest.budget.limit - contest.budget.spent
     share = int(min(EXACT_SHARE, limit))
-    apart = dataclasses.replace(contest, budget=Budget(share))
+    apart = dataclasses.replace(contest, budget=contest.budget.part(share))
     own = _alternative(None, select(apart, 1, progress=progress))
-    contest.budget.spent += apart.budget.spent
+    contest.budget.spend(apart.budget.spent)
     return _ranked([first, *others, own])
 
 

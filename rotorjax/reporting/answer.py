@@ -103,12 +103,12 @@ def _unexplained_why(found: Explanation) -> str:
     those = "those allowed" if found.restricted else "the catalogue"
     if not found.named:
         return f"no effect of {those} accounts for the difference between model and measurement."
-    fold = error_fall(found)
-    if fold < HALVED:
+    if slight(found):
         single, lower = ("single effect", "lowers") if len(found.named) == 1 else ("effects", "together lower")
         return (
             f"no {single} of {those} accounts for the difference between model and measurement; the best, "
-            f"{said(found.named)}, {lower} the error only {number(fold, 2)}-fold."
+            f"{said(found.named)}, {lower} the error only {number(error_fall(found), 2)}-fold, to "
+            f"{number(found.story.last.rms / MICROMETRE)} µm rms."
         )
     accounts = "accounts" if len(found.named) == 1 else "account"
     return (
@@ -142,6 +142,12 @@ def would_be_next(found: Explanation) -> str | None:
     return found.more[0].effect if found.more and len(found.effects) >= found.max_effects else None
 
 
+def slight(found: Explanation) -> bool:
+    """Whether what was found explains so little that it is not part of the answer."""
+    ended = would_be_next(found) is None
+    return found.verdict == "unexplained" and bool(found.named) and ended and error_fall(found) < HALVED
+
+
 def error_fall(found: Explanation) -> float:
     """Error before anything was added over that at the end."""
     story = found.story
@@ -155,8 +161,8 @@ def _before(found: Explanation) -> float:
 
 
 def fall_line(found: Explanation) -> str:
-    """How far the error falls with what was found; nothing where nothing was."""
-    if not found.named:
+    """How far the error falls with what was found; nothing where nothing was, or nothing to speak of."""
+    if not found.named or slight(found):
         return ""
     held, after = found.story.fits[-1].held_out_rms, found.story.last.rms
     fold_text = f"{number(error_fall(found))}-fold" if after > 0.0 else "to nothing"

@@ -108,9 +108,9 @@ def _fails(view: Comparison, subject: str) -> str:
     )
 
 
-def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
-    """Where the model fails, worst first."""
-    cells = view.where()
+def worst_cells(view: Comparison, title: str, convention: Convention | None = None, count: int = WORST) -> Table:
+    """Where the model fails, worst first; phases as the rig file counts them."""
+    cells, phase = view.where(), (convention or Convention()).phase
     headers = [
         "run",
         "rpm",
@@ -123,22 +123,25 @@ def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
         "amplitude ratio",
         "phase error °",
     ]
-    rows = [_cell_row(cell) for cell in cells[:count]]
+    rows = [_cell_row(cell, -1.0 if phase == "lag" else 1.0) for cell in cells[:count]]
     spare = ["model µm", "amplitude ratio", "phase error °", "std. errors", "measured µm"]
-    note = "" if view.standardised is None else "Standard errors are those of one component: of noise alone 1.4 rms."
+    note = f"Amplitudes zero to peak, phase {phase}."
+    if view.standardised is not None:
+        note += " Standard errors are those of one component: noise alone gives 1.4 rms."
     return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows, note, spare=spare)
 
 
-def _cell_row(cell: Cell) -> list[str]:
+def _cell_row(cell: Cell, sign: float) -> list[str]:
+    phase_error = None if cell.phase_error_deg is None else sign * cell.phase_error_deg
     return [
-        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured),
-        _polar(cell.predicted), number(cell.residual_um),
-        number(cell.standardised), number(cell.amplitude_ratio), number(cell.phase_error_deg),
+        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured, sign),
+        _polar(cell.predicted, sign), number(cell.residual_um),
+        number(cell.standardised), number(cell.amplitude_ratio), number(phase_error),
     ]  # fmt: skip
 
 
-def _polar(z: complex) -> str:
-    return f"{number(abs(z) / MICROMETRE)} at {math.degrees(math.atan2(z.imag, z.real)):.0f}°"
+def _polar(z: complex, sign: float) -> str:
+    return f"{number(abs(z) / MICROMETRE)} at {sign * math.degrees(math.atan2(z.imag, z.real)) + 0.0:.0f}°"
 
 
 def share_table(view: Comparison, title: str, most: int = 6) -> Table:
@@ -289,7 +292,7 @@ def comparison_text(story: Story, convention: Convention | None = None, *, width
         parts += step_tables(story, convention)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
-    parts += [worst_cells(story.last, title), share_table(story.last, "Share of the misfit")]
+    parts += [worst_cells(story.last, title, convention), share_table(story.last, "Share of the misfit")]
     return laid_out(parts, width, everything="--report FILE.html")
 
 
@@ -372,8 +375,8 @@ def comparison_page(
     without scrolling.
     """
     shares = share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit")
-    where = [worst_cells(story.declared, "Where the model as declared fails")] + (
-        [worst_cells(story.last, "Where it still fails")] if story.fits else []
+    where = [worst_cells(story.declared, "Where the model as declared fails", convention)] + (
+        [worst_cells(story.last, "Where it still fails", convention)] if story.fits else []
     )
     names = tuple(dict.fromkeys(story.additions))
     found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
@@ -387,4 +390,5 @@ def comparison_page(
         tables,
         Picture.every(pictures),
         [*where, shares],
+        phase=(convention or Convention()).phase,
     )

@@ -1,6 +1,7 @@
 """What people read of an explanation: the verdict in a sentence, rankings, ties, the next measurement, JSON."""
 
 from rotorjax.data.rig import Rig
+from rotorjax.data.rig_sections import Convention
 from rotorjax.diagnosis.balancing import Correction
 from rotorjax.diagnosis.critical_speeds import CriticalSpeed, critical_speeds
 from rotorjax.discovery.explain import Explanation
@@ -14,6 +15,7 @@ from rotorjax.reporting.answer import (
     left_line,
     misses,
     sentence,
+    slight,
     tie_lines,
     told,
     would_be_next,
@@ -231,7 +233,7 @@ def explanation_tables(found: Explanation, rig: Rig | None = None) -> list[Table
     """Error fall, parameters, what ties, terms of the missing force, rankings. **Arguments:** ``rig`` for angles."""
     terms = None if found.named_force is None else missing_force_table(found.named_force)
     return [
-        *step_tables(found.story, None if rig is None else rig.convention),
+        *step_tables(found.story, _convention(rig)),
         *(table for table in (ties_table(found), terms) if table is not None),
         *ranking_tables(found),
     ]
@@ -244,6 +246,10 @@ def cost_line(found: Explanation) -> str:
     return f"{line} Not tried when the limit was reached: {listed(cost.untried)}." if cost.exhausted else line
 
 
+def _convention(rig: Rig | None) -> Convention:
+    return Convention() if rig is None else rig.convention
+
+
 def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int | None = None) -> str:
     """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor; ``width``:
     columns of the terminal, if it is one.
@@ -252,7 +258,8 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [line for line in (critical_speeds_line(found), *_to_balance(found, rig)) if line]
     parts += explanation_tables(found, rig)
-    parts.append(worst_cells(found.story.last, "Where it still fails" if found.named else "Where it fails"))
+    where, convention = "Where it still fails" if found.named else "Where it fails", _convention(rig)
+    parts.append(worst_cells(found.story.last, where, convention))
     parts.append(cost_line(found))
     return laid_out(parts, width, everything="--report FILE.html")
 
@@ -270,21 +277,25 @@ def explanation_page(
     **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling; ``rig``:
     for its angles and planes.
     """
-    story = found.story
-    where = [worst_cells(story.declared, "Where the model as declared fails")]
-    where += [worst_cells(story.last, "Where it fails with what was added")] if story.changed else []
+    story, convention = found.story, _convention(rig)
+    where = [worst_cells(story.declared, "Where the model as declared fails", convention)]
+    where += [worst_cells(story.last, "Where it fails with what was added", convention)] if story.changed else []
     where.append(share_table(story.last, "Share of what is left"))
     top, tables, model = headline(found, first or [], rig), explanation_tables(found, rig), before_and_after(found)[1]
     told_above, drawn = next_lines(found), Picture.every(pictures)
     rest = [line for line in notes(found) if line not in told_above]
     tables += [predicted_table(model, one, story.measurement.speed_cluster()[1]) for one in corrections_of(found, rig)]
-    return Page(title, top, measurement_line(story.measurement), rest, tables, drawn, where, cost_line(found))
+    return Page(
+        title, top, measurement_line(story.measurement), rest, tables, drawn, where, cost_line(found), convention.phase
+    )
 
 
 def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | None = None) -> Headline:
     """What is seen without scrolling."""
-    effects = sizes_by_effect(found.story.fits[-1], found.effects, None if rig is None else rig.convention)
+    named = () if slight(found) else found.effects
+    effects = sizes_by_effect(found.story.fits[-1], named, _convention(rig))
     lines = [*as_if_lines(found), *_to_balance(found, rig), critical_speeds_line(found), *tie_lines(found)]
-    lines += [*next_lines(found), *missing_force_lines(found)]
+    force, enough = missing_force_lines(found), found.named_force is not None and found.named_force.enough
+    lines = [*force, *lines, *next_lines(found)] if enough else [*lines, *next_lines(found), *force]
     fall = " ".join(filter(None, (misses(found), fall_line(found), left_line(found))))
     return Headline(found.verdict, told(found), fall, effects, list(filter(None, lines)), Picture.every(pictures))

@@ -57,6 +57,8 @@ class Page(NamedTuple):
     where: list[Table]
     cost: str = ""
     """The last line: what it took."""
+    phase: str = "lead"
+    """How phases are shown."""
 
 
 def html_report(page: Page) -> str:
