@@ -133,7 +133,7 @@ def _named(
     scores = {
         k: _score(fitted)
         for k, fitted in enumerate(fits)
-        if _believable(fitted) and reached(likely[k], fitted, force.reach)
+        if _believable(fitted) and _all_reached(likely[k], fitted, force.reach)
     }
     if not scores:
         return NamedForce(force, (), beside, None)
@@ -157,17 +157,19 @@ def _believable(fitted: Fit) -> bool:
     return fitted.end.exact and math.isfinite(fitted.end.cost) and not fitted.objections(fitted.free)
 
 
-def reached(terms: tuple[Candidate, ...], fitted: Fit, reach: Reach) -> bool:
-    """Whether the rotor came to every gap: one that it never reached, or on no side, is not what was seen."""
-    for term in terms:
-        if term.gap is None:
-            continue
-        cls, inverse = TERMS.get(term.term), fitted.estimate(term.term, term.gap).value
-        largest = reach.radius if cls is None else reach[cls().axis()]
-        sides = (1.0,) if cls is None else cls.sides
-        if not (math.copysign(1.0, inverse) in sides and abs(inverse) * largest > 1.0):
-            return False
-    return True
+def _all_reached(terms: tuple[Candidate, ...], fitted: Fit, reach: Reach) -> bool:
+    return all(reached(t.term, fitted.estimate(t.term, t.gap).value, reach) for t in terms if t.gap is not None)
+
+
+def reached(term: str, inverse_gap: float, reach: Reach) -> bool:
+    """Whether the rotor came to the end of a gap, on a side that the term may have: else it is not what was seen.
+
+    **Arguments:** ``inverse_gap`` [1/m].
+    """
+    axis_force = TERMS.get(term)
+    largest = reach.radius if axis_force is None else reach[axis_force().axis()]
+    sides = (1.0,) if axis_force is None else axis_force.sides
+    return math.copysign(1.0, inverse_gap) in sides and abs(inverse_gap) * largest > 1.0
 
 
 def _enough(fitted: Fit) -> bool:

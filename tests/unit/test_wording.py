@@ -1,7 +1,6 @@
 """Numbers and names as people read them: values with their errors, probabilities, sizes, what is not determined."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -160,9 +159,7 @@ def test_what_hardly_helps_is_not_the_answer():
 )
 def test_a_gap_that_was_never_reached_is_not_named(term, inverse_gap, believed):
     """The rotor came to 100 µm along x, 90 µm along y, and 130 µm from its place."""
-    candidate = SimpleNamespace(term=term, gap="inverse_gap_per_m")
-    fitted = SimpleNamespace(estimate=lambda *_: SimpleNamespace(value=inverse_gap))
-    assert reached((candidate,), fitted, Reach(100e-6, 90e-6, 130e-6)) == believed
+    assert reached(term, inverse_gap, Reach(100e-6, 90e-6, 130e-6)) == believed
 
 
 def test_a_long_stage_is_told_while_it_goes_on():
