@@ -1,4 +1,4 @@
-"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are held against."""
+"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are compared to."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -11,9 +11,10 @@ from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
+from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
 from rotorjax.reporting.comparison import step_json, view_json
-from rotorjax.reporting.explanation import before_and_after, corrections_of, notes, sentence
+from rotorjax.reporting.explanation import before_and_after, corrections_of, notes
 from rotorjax.units import MICROMETRE
 
 

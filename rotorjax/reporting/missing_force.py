@@ -6,6 +6,7 @@ from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.discovery.named_force import NamedForce
+from rotorjax.reporting.sizes import sizes
 from rotorjax.reporting.tables import Table, number
 from rotorjax.reporting.wording import said
 from rotorjax.units import MICROMETRE, unit_of
@@ -68,33 +69,25 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
 
 
 def missing_force_table(named: NamedForce) -> Table | None:
-    """Terms of the missing force with their values: in the equation of motion, then fitted in the response."""
+    """Terms of the missing force with their sizes: in the equation of motion, then fitted in the response."""
     if named.fit is None:
         return None
-    values = {(e.entry.effect, e.entry.label): e for e in named.fit.estimates}
+    plain = {term.term: term for term in named.terms}
     rows = []
-    for term in named.terms:
-        for name in dict.fromkeys([*term.coefficients, *(label for effect, label in values if effect == term.term)]):
-            unit, value, e = unit_of(name), term.coefficients.get(name), values.get((term.term, name))
-            fitted = (
-                [number(e.value / unit.factor), number(e.standard_error / unit.factor, 2)]
-                if e is not None
-                else ["", ""]
-            )
-            rows.append(
-                [
-                    f"{term.term}.{name}",
-                    term.plain,
-                    "" if value is None else number(value / unit.factor),
-                    *fitted,
-                    unit.shown,
-                ]
-            )
+    for size in sizes(named.fit, tuple(plain)):
+        term = plain[size.effect]
+        seen = [
+            f"{number(term.coefficients[label] / unit_of(label).factor)} {unit_of(label).shown}"
+            for label in size.labels
+            if label in term.coefficients
+        ]
+        rows.append([size.effect, term.plain, size.what, ", ".join(seen), size.value, ", ".join(size.labels)])
     note = (
         "Add a term by `rotorjax compare --effect NAME`, or hand it to explain by catalog=CATALOG | TERMS "
         "(rotorjax.effects.terms)."
     )
     others = sorted({words for term in named.terms for words in term.rivals})
     note += f" Nearly as well in the equation of motion: {'; '.join(others)}." if others else ""
-    headers = ["term", "meaning", "in the equation", "in the response", "±", "unit"]
-    return Table("Terms of the missing force", headers, rows, note, spare=["in the equation", "meaning"])
+    headers = ["term", "meaning", "size of", "in the equation", "in the response (95 % interval)", "in rig files"]
+    spare = ["in the equation", "meaning", "in rig files"]
+    return Table("Terms of the missing force", headers, rows, note, spare=spare)

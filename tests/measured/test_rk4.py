@@ -94,7 +94,7 @@ def test_installed_weights_come_back(story, measurement):
     """Read as unbalance alone, every run's weights are found within 5 g mm or 15 %, the second plane counting 1.1
     times.
 
-    The rig file's uncertain mass (10 %) and damping are estimated along with 21 free faults, which leaves their scale
+    The rig file's uncertain mass (10 %) and damping are fitted beside 21 free faults, which leaves their scale
     open.
     """
     diagnosis = diagnose(story.final_model, measurement)

@@ -300,7 +300,7 @@ def test_half_orders_alone():
 
 
 def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
-    """A turned phase reference, and probes that read too much by 4.0 and 4.5 %: one complex gain in other words."""
+    """A phase reference offset, and probes that read too much by 4.0 and 4.5 %: one complex gain in other words."""
     drawn = drawn_effects.draw(446)
     assert drawn.effects == ("phase_reference_offset", "probe_gain")
     found = explain(drawn.model, drawn.measurement, thorough=False)
