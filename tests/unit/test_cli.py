@@ -374,7 +374,7 @@ def test_explained_model_is_taken_by_compare(example, explained, capsys):
 def test_explain_report_is_one_file_without_network(explained, example):
     page = (example / "e.html").read_text()
     assert "Missing: residual unbalance and cross-coupling." in page
-    assert "What is missing beside residual_unbalance" in page
+    assert "What is missing beside residual unbalance" in page
     assert not re.search(r'(src|href)="http', page)
 
 

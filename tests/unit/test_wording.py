@@ -11,6 +11,7 @@ from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.named_force import reached
 from rotorjax.discovery.search import RETOLD, Telling
 from rotorjax.effects.terms import Reach
+from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
 from rotorjax.reporting.curves import Curve
@@ -117,6 +118,20 @@ def test_phases_are_shown_as_the_rig_file_counts_them():
     speed = np.linspace(0.0, 1.0, 5)
     curve = Curve(speed, np.exp(1j * speed))
     np.testing.assert_allclose(curve._replace(lag=True).phase_deg, -curve.phase_deg)
+
+
+def test_a_polar_plot_says_how_its_angles_count():
+    """0° to the right; a lead of 90° above, a lag of 90° below; circles that hold every vector."""
+    model, m = measured()
+    view = tell(model, m, []).declared
+    for phase, sign in (("lead", 1.0), ("lag", -1.0)):
+        (axes,) = plots.figure(4.0, 4.0)[1]
+        plots.polar(axes, view, probe="X", order=1.0, phase=phase)
+        at = {text.get_text(): text.xy for text in axes.texts}
+        assert {f"{angle}°" for angle in range(0, 360, 30)} <= set(at)
+        assert at["0°"][0] > 1e6 * np.abs(m.vectors[:, 0]).max()
+        assert np.sign(at["90°"][1]) == sign
+        assert phase in axes.get_xlabel()
 
 
 def test_a_gain_that_a_convention_would_explain_is_said_to_be_one():
