@@ -10,11 +10,35 @@ from jaxtyping import Float
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
 from rotorjax.reporting.tables import number
-from rotorjax.reporting.wording import with_error
+from rotorjax.reporting.wording import plain_name, with_error
 from rotorjax.units import DEGREE
 
 VECTORS = ("kg m", "m", "N")
 """Units of parameters along x and y that are the parts of one vector."""
+WORDS = {
+    "cosine_n": "force, cosine part",
+    "cosine_n_per_m": "stiffness, cosine part",
+    "cross_stiffness_n_per_m": "cross-coupled stiffness",
+    "cubic_n_per_m3": "cubic stiffness",
+    "damping_n_s2_per_m2": "drag",
+    "difference_x_n_per_m": "half difference of stiffness",
+    "force_1_x_n": "1X force",
+    "force_2_x_real_n": "2X force x",
+    "force_2_y_real_n": "2X force y",
+    "friction": "coefficient of friction",
+    "growth_per_m": "growth of stiffness",
+    "inertia_ratio_kg": "polar inertia, as a mass",
+    "log_damping": "damping ratio over 0.05",
+    "log_frequency": "natural frequency over the rotor's",
+    "loss_x_n_per_m": "loss of stiffness",
+    "real_m": "runout",
+    "sine_n": "force, sine part",
+    "sine_n_per_m": "stiffness, sine part",
+    "stiffness_n_per_m": "contact stiffness",
+}
+"""What parameters are called whose name says too little."""
+DOUBLED = ("difference_x_n_per_m",)
+"""Vectors that stand at twice the angle of the axis that they tell."""
 SURE_OF_ANGLE = 60.0
 """Half of a 95 % interval of an angle [degrees] up to which the angle is told."""
 NOT_DETERMINED = "not determined"
@@ -59,7 +83,7 @@ def sizes(fitted: Fit, effects: tuple[str, ...], convention: Convention | None =
             parts = (first,) if second is None else (first, second)
             for part in parts:
                 own.pop(part.entry.label)
-            what = _what(first) if second is None else _name(label)
+            what = _what(first, single=second is None)
             if not any(part.determined for part in parts):
                 value = NOT_DETERMINED
             elif second is None:
@@ -87,25 +111,23 @@ def _partner(label: str) -> str | None:
     return None
 
 
-def _what(estimate: Estimate) -> str:
-    """Words for a parameter: its name, and whose it is."""
+def _what(estimate: Estimate, *, single: bool) -> str:
+    """Words for a parameter, or for the vector that it is a part of, and whose it is."""
     name, _, axes = estimate.entry.label.partition(".")
+    return " ".join(filter(None, (WORDS.get(name) or _by_name(estimate, name, single), axes.replace(".", " "))))
+
+
+def _by_name(estimate: Estimate, name: str, single: bool) -> str:
+    """The parameter's name without unit and, of a vector, without the part."""
+    if not single:
+        return next((name.partition(part)[0] for part in ("_x_", "_real") if part in name), name).replace("_", " ")
     words = name.removesuffix("_" + _ending(name)) if _ending(name) else name
     words = words.removeprefix("inverse_").removeprefix("log_")
     if words.split("_")[0] in ("error", "ratio"):
         # Named after what the effect is an error of: "stiffness x".
         quantity = "damping_ratio" if estimate.entry.effect == "damping_error" else estimate.entry.effect
-        words = "_".join([quantity.removesuffix("_error"), *words.split("_")[1:]])
-    return " ".join(filter(None, (words.replace("_", " "), axes.replace(".", " "))))
-
-
-def _name(label: str) -> str:
-    parameter, _, axes = label.partition(".")
-    for part in ("_x_", "_real", "real_"):
-        if part in parameter:
-            parameter = parameter.split(part)[0]
-            break
-    return " ".join(filter(None, (parameter.replace("_", " "), axes.replace(".", " ")))) or "vector"
+        return " ".join([plain_name(quantity.removesuffix("_error")), *words.split("_")[1:]])
+    return words.replace("_", " ")
 
 
 def _ending(name: str) -> str:
@@ -207,6 +229,8 @@ def _pair(first: Estimate, second: Estimate, fitted: Fit, convention: Convention
     error = fitted.quantile * math.sqrt(along @ covariance @ along)
     turn = fitted.quantile * math.sqrt(across @ covariance @ across) / max(size, 1e-300) / DEGREE
     degrees = convention.angle_deg(pair) if spatial else math.degrees(math.atan2(pair[1], pair[0]))
+    if first.entry.parameter in DOUBLED:
+        degrees, turn = 0.5 * degrees, 0.5 * turn
     scale, shown = (unit.factor, f" {unit.shown}") if unit.si != "1" else (1.0, " times")
     if size <= error:
         return f"{NOT_DETERMINED}: up to {number((size + error) / scale, 2)}{shown}"

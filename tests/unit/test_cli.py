@@ -323,7 +323,7 @@ def test_the_report_begins_with_verdict_and_sizes(explained, example):
     size, angle = re.search(r"<dt>unbalance</dt><dd>([\d.]+) ± [\d.]+ g mm at ([\d.]+) ± [\d.]+°</dd>", first).groups()
     assert float(size) == pytest.approx(9.0, abs=0.1)
     assert float(angle) == pytest.approx(50.0, abs=1.0)
-    assert re.search(r"<dt>cross stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
+    assert re.search(r"<dt>cross-coupled stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
     assert first.count("<img") == 2
     assert "<table" not in first
 
