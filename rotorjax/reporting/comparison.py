@@ -224,7 +224,7 @@ def findings(story: Story) -> list[str]:
         chi2 = story.declared.reduced_chi2 if last.reduced_chi2 is None else last.reduced_chi2
         if chi2 is not None and chi2 < SUSPICIOUS_CHI2:
             lines.append(
-                f"Reduced chi-square {number(chi2)}: sigma_um looks far too large, so that nothing can be told from "
+                f"Reduced chi² {number(chi2)}: sigma_um looks far too large, so that nothing can be told from "
                 "noise."
             )
         if last.misfit > 0.0 and len(story.measurement.runs) < FEW_RUNS and story.measurement.sigma is not None:
@@ -255,7 +255,7 @@ def _scatter_line(story: Story) -> str:
     sizes = [f"unbalance of {number(scatter.unbalance_kg_m / GRAM_MILLIMETRE)} g mm"] if scatter.unbalance_kg_m else []
     sizes += [f"bow of {number(scatter.bow_m / MICROMETRE)} µm"] if scatter.bow_m else []
     return (
-        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, told from what influence "
+        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, inferred from what influence "
         "coefficients leave, "
         f"accounts for {100.0 * share:.0f} % of the squared residual."
     )
