@@ -224,8 +224,7 @@ def findings(story: Story) -> list[str]:
         chi2 = story.declared.reduced_chi2 if last.reduced_chi2 is None else last.reduced_chi2
         if chi2 is not None and chi2 < SUSPICIOUS_CHI2:
             lines.append(
-                f"Reduced chi² {number(chi2)}: sigma_um looks far too large, so that nothing can be told from "
-                "noise."
+                f"Reduced chi² {number(chi2)}: sigma_um looks far too large, so that nothing can be told from noise."
             )
         if last.misfit > 0.0 and len(story.measurement.runs) < FEW_RUNS and story.measurement.sigma is not None:
             lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
