@@ -47,7 +47,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
-        prog="rotorjax", description="Hold a rotor model against vibration measurements and find what it lacks."
+        prog="rotorjax", description="Compare a rotor model with vibration measurements and find what it lacks."
     )
     parser.add_argument("--version", action="version", version=f"rotorjax {version('rotorjax')}")
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")

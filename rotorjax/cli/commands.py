@@ -37,11 +37,10 @@ def compare(options: argparse.Namespace) -> None:
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
     if already := [effect.name for effect in additions if effect.name in declared]:
         raise InputError(
-            f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; "
-            "leave it out"
+            f"--effect {already[0]}: the rig file declares it uncertain, so that it is fitted in any case; leave it out"
         )
     story = tell(rig.model, measurement, additions, fixed=fixed, slip=slip)
-    say(comparison_text(story, width=terminal_width()))
+    say(comparison_text(story, rig.convention, width=terminal_width()))
     _write_outputs(
         options,
         rig,
@@ -93,7 +92,7 @@ def explain(options: argparse.Namespace) -> None:
         declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
         if held := [name for name in only or () if name in rig.model or name in declared]:
             how = (
-                "declares it uncertain, so that it is estimated along in any case"
+                "declares it uncertain, so that it is fitted in any case"
                 if held[0] in declared
                 else "has it in [effects] already"
             )

@@ -14,19 +14,23 @@ from rotorjax.data.names import harmless
 
 INTERRUPTED = 130
 TICK_S = 1.0
+QUIET_S = 10.0
+"""After which a line is repeated where it cannot be renewed in place."""
 
 
 @contextlib.contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
     """Says on standard error what is being done and for how long: on a terminal in place, gone at the end, elsewhere a
-    line for every stage.
+    line for every stage and for every ten seconds of one.
 
     While it lasts Ctrl-C ends the process at once, in the midst of a compilation too.
     """
     began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
+    shown = [began]
 
     def show(line: str) -> None:
-        told = f"{time.monotonic() - began:4.0f} s  {harmless(line)}"
+        shown[0] = time.monotonic()
+        told = f"{shown[0] - began:4.0f} s  {harmless(line)}"
         if terminal:
             # What is cut off would stand on a line that the next one does not replace.
             told = f"{told} ..."[: shutil.get_terminal_size().columns - 1]
@@ -43,10 +47,10 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
     def tick() -> None:
         while not over.wait(TICK_S):
-            show(stage[0])
+            if stage[0] and (terminal or time.monotonic() - shown[0] >= QUIET_S):
+                show(stage[0])
 
-    if terminal:
-        threading.Thread(target=tick, daemon=True).start()
+    threading.Thread(target=tick, daemon=True).start()
     try:
         with _interruptible():
             yield progress

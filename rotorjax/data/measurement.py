@@ -1,4 +1,4 @@
-"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are held against."""
+"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are compared to."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -168,6 +168,11 @@ class Measurement(Shown):
     def speed_rpm(self) -> Float[np.ndarray, "case"]:
         """Speed of every case."""
         return np.asarray(self.conditions.speed) / RPM
+
+    @property
+    def noise_rms(self) -> float | None:
+        """What the rms over all vectors is of noise alone, sqrt(2 mean sigma²) [m]; none where it is unknown."""
+        return None if self.sigma is None else float(np.sqrt(2.0 * np.mean(self.sigma[self.present] ** 2)))
 
     @property
     def rms(self) -> float:

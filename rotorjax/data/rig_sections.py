@@ -205,7 +205,7 @@ _UNCERTAIN_PROBES = {
 
 
 def uncertainty_of(document: Document, probes: tuple[str, ...]) -> dict[str, Any]:
-    """What is estimated along, with its standard deviation, as arguments of `Knowledge`."""
+    """What is fitted in every comparison, with its standard deviation, as arguments of `Knowledge`."""
     section = document.section("uncertainty")
     uncertain: list[Uncertain] = []
     for key, (effect, label, logarithmic) in _UNCERTAIN_PAIRS.items():

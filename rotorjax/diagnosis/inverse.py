@@ -122,7 +122,7 @@ def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ..
 
     z - z_0 = J (U_x, U_y, s_x, s_y): the map is linear (Huang et al. 2026, Sensors 26:2565, equations 5-9). Found is
     all that drives the run, what was installed included. What the user declared uncertain of rotor and probes is
-    estimated along, one value for all runs, and widens the errors. Covariance from the joint normal equations, times
+    fitted beside, one value for all runs, and widens the errors. Covariance from the joint normal equations, times
     the reduced chi-square where that exceeds one; with unknown noise the residual gives it.
 
     **Arguments:** ``model`` of rotor and reading, its own faults not counted; ``measurement``; ``reference``: runs

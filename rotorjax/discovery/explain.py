@@ -25,6 +25,7 @@ from rotorjax.discovery.search import (
     Progress,
     Ranked,
     Selection,
+    Telling,
     change_by,
     noise_size,
     none_left,
@@ -38,7 +39,6 @@ from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
@@ -112,6 +112,8 @@ class Explanation(Reported):
     terms that would do as well as the effects found.
     """
     cost: Cost
+    tried_slips: bool = False
+    """Whether changes of what rig file and table state were in the race."""
 
     def __repr__(self) -> str:
         p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
@@ -223,7 +225,8 @@ def explain(  # noqa: PLR0913
     ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which count for
     the verdict, and the missing force, looked at where nothing explains and compared with what was found elsewhere;
     ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or "unexplained",
-    with what was not tried; ``progress``: called with a line of text at every stage.
+    with what was not tried; ``progress``: called with a line of text at every stage, and while
+    it goes on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
@@ -240,20 +243,18 @@ def explain(  # noqa: PLR0913
         )
     # Where nothing was measured, a gain of zero would explain it all.
     allowed = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
-    candidates, kinds = [name for name in allowed if name in catalog], [name for name in allowed if name in KINDS]
+    candidates, kinds = ([name for name in allowed if name in known] for known in (catalog, KINDS))
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    contest = make_contest(full, kept, candidates, catalog, Budget(limit))
-    declared = _declared(contest)
-    require_steady(declared, kept)
-
-    def told(line: str) -> None:
-        progress(f"{line} ({contest.budget.spent:,} of {limit:,} linearisations)")
+    telling = Telling(progress, limit)
+    contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
+    require_steady(declared := _declared(contest), kept)
 
     written = race_of_slips(contest, kinds, max_effects, told)
     stated = compare_vectors(declared, contest.measurement, full)
-    full, selection = _as_done(full, written.best, candidates, catalog, told)
-    return _answer(full, stated, written, selection, undriven, catalog, thorough, told)
+    right, selection = _as_done(full, written.best, candidates, catalog, told)
+    found = _answer(right, stated, written, selection, undriven, catalog, thorough, told)
+    return dataclasses.replace(found, tried_slips=bool(kinds))
 
 
 def _as_done(

@@ -83,10 +83,8 @@ class Story(Reported):
 
     def noise_um(self) -> float | None:
         """Root mean square of pure noise, |z| over the cells [µm]; none where it is unknown."""
-        m = self.measurement
-        if m.sigma is None:
-            return None
-        return float(np.sqrt(2.0 * np.mean(m.sigma[m.present] ** 2)) / MICROMETRE)
+        noise = self.measurement.noise_rms
+        return None if noise is None else noise / MICROMETRE
 
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of fitted parameters that the data fix in combination only, with their correlation."""

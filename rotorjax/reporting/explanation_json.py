@@ -9,10 +9,11 @@ from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
+from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
 from rotorjax.reporting.comparison import slip_json, step_json, view_json
 from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
-from rotorjax.reporting.explanation import corrections_of, notes, sentence
+from rotorjax.reporting.explanation import corrections_of, notes
 from rotorjax.units import MICROMETRE
 
 

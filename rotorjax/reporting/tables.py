@@ -145,8 +145,8 @@ def laid_out(
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, an order or a vector at its angle, or the dash that stands for none."""
-    return bool(re.fullmatch(r"-|[-+]?\d[\d.]*(e[-+]?\d+)?(X| at -?\d+°)?", cell))
+    """Whether a cell is a number, a percentage, an order or a vector at its angle, or the dash that stands for none."""
+    return bool(re.fullmatch(r"-|[<>] \d[\d.]* %|[-+]?\d[\d.]*(e[-+]?\d+)?(X| %| at -?\d+°)?", cell))
 
 
 def number(value: float | None, digits: int = 3) -> str:

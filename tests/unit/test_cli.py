@@ -356,10 +356,10 @@ def test_the_report_begins_with_verdict_and_sizes(explained, example):
     """9 g mm at 50° and 1200 N/m, as magnitude and angle with 95 % intervals, before any table."""
     first = (example / "e.html").read_text().split("<nav")[0]
     assert '<span class="badge explained">explained</span>' in first
-    size, angle = re.search(r"<dt>unbalance</dt><dd>([\d.]+) ± [\d.]+ g mm at (\d+) ± [\d.]+°</dd>", first).groups()
+    size, angle = re.search(r"<dt>unbalance</dt><dd>([\d.]+) ± [\d.]+ g mm at ([\d.]+) ± [\d.]+°</dd>", first).groups()
     assert float(size) == pytest.approx(9.0, abs=0.1)
     assert float(angle) == pytest.approx(50.0, abs=1.0)
-    assert re.search(r"<dt>cross stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
+    assert re.search(r"<dt>cross-coupled stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
     assert first.count("<img") == 2
     assert "<table" not in first
 
@@ -409,8 +409,8 @@ def test_explained_model_is_taken_by_compare(example, explained, capsys):
 
 def test_explain_report_is_one_file_without_network(explained, example):
     page = (example / "e.html").read_text()
-    assert "Missing: residual_unbalance and cross_coupling." in page
-    assert "What is missing beside residual_unbalance" in page
+    assert "Missing: residual unbalance and cross-coupling." in page
+    assert "What is missing beside residual unbalance" in page
     assert not re.search(r'(src|href)="http', page)
 
 
