@@ -62,6 +62,8 @@ class Rig:
     path: Path
     text: str
     planes: Mapping[str, Plane]
+    service_rpm: float | None = None
+    """Speed in service, at which the balance quality grade counts."""
 
     def measurement(self, table: Table, path: Path) -> Measurement:
         """A table's rows as a measurement of this rig.
@@ -172,6 +174,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     participation = {name: plane.participation for name, plane in planes.items()}
     runs = runs_of(document, participation, convention)
     model_parts = rotor_of(document, rotation), probes_of(document)
+    service = model_parts[0].pop("service_rpm", None)
     tolerance, scatter = form_of(document)
     knowledge = Knowledge(
         **uncertainty_of(document, tuple(model_parts[1])), priors=priors_of(document, catalog),
@@ -186,7 +189,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     orders = {order for _, _, named in declared for order in named}
     model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
     model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])
-    return Rig(model, runs, convention, knowledge, document.path, document.text, planes)
+    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, service)
 
 
 def read_measurement(path: str | Path, rig: Rig) -> Measurement:

@@ -66,7 +66,7 @@ class Plane(NamedTuple):
 
 
 def rotor_of(document: Document, rotation: str) -> dict[str, Any]:
-    """What the model's rotor is made of; nothing where the section is missing."""
+    """What the model's rotor is made of, and its service speed; nothing where the section is missing."""
     section = document.section("rotor")
     if section.reported:
         return {}
@@ -81,6 +81,8 @@ def rotor_of(document: Document, rotation: str) -> dict[str, Any]:
         "rotation": rotation,
         "bow_through_damping": section.flag("bow_through_damping"),
     }
+    values["service_rpm"] = section.number("service_rpm", above=0.0) if "service_rpm" in section else None
+    section.asked.add("service_rpm")
     section.close()
     return values
 

@@ -2,7 +2,6 @@
 
 from rotorjax.data.declarations import Slip
 from rotorjax.data.rig import Rig
-from rotorjax.diagnosis.balancing import Correction
 from rotorjax.diagnosis.critical_speeds import CriticalSpeed, critical_speeds
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.fit import Fit
@@ -12,7 +11,7 @@ from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.model.model import Model
-from rotorjax.reporting.balance import balance_lines, corrections, predicted_table
+from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, predicted_table
 from rotorjax.reporting.comparison import (
     findings,
     measurement_line,
@@ -266,13 +265,13 @@ def before_and_after(found: Explanation) -> tuple[Model, Model]:
 def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     """What would balance the rotor, where an unbalance was found."""
     open_names = {name for group in found.ties.groups() for names in group for name in names}
-    doubt = "If it is an unbalance indeed: " if "residual_unbalance" in open_names else ""
-    return [doubt + line for line in balance_lines(corrections_of(found, rig))]
+    doubt = ", if it is an unbalance indeed" if "residual_unbalance" in open_names else ""
+    return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
 
 
-def corrections_of(found: Explanation, rig: Rig | None) -> tuple[Correction, ...]:
-    """What corrects the unbalance found, plane by plane; none without a rig."""
-    return () if rig is None else corrections(found.story.fits[-1], rig, found.story.measurement)
+def balance_of(found: Explanation, rig: Rig | None) -> Balance:
+    """What corrects the unbalance found, plane by plane; nothing without a rig."""
+    return Balance() if rig is None else balance_of_fit(found.story.fits[-1], rig, found.story.measurement)
 
 
 def ties_table(found: Explanation) -> Table | None:
@@ -460,7 +459,8 @@ def explanation_page(
     where.append(share_table(story.last, "Share of what is left"))
     said, drawn = notes(found), Picture.every(pictures)
     top, tables, model = headline(found, first or [], rig), explanation_tables(found), before_and_after(found)[1]
-    tables += [predicted_table(model, one, story.measurement.speed_cluster()[1]) for one in corrections_of(found, rig)]
+    speeds = story.measurement.speed_cluster()[1]
+    tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]
     return Page(
         title, top, sentence(found), measurement_line(story.measurement), said, tables, drawn, where, cost_line(found)
     )
