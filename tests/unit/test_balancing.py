@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, InputError, Jeffcott, Layout, Model, effects, read_rig, response
+from rotorjax import Conditions, InputError, Jeffcott, Layout, Model, effects, read_measurement, read_rig, response
 from rotorjax.data.rig_sections import Convention, Plane
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
-from rotorjax.reporting.balance import Balance, balance_json, balance_line, balance_lines
+from rotorjax.reporting.balance import Balance, balance_json, balance_line, balance_lines, grade_speed
 from rotorjax.reporting.intervals import told, told_angle
+
+from helpers import RIG, write
 
 UNBALANCE = 9e-6 * np.array([np.cos(np.radians(50.0)), np.sin(np.radians(50.0))])
 
@@ -149,3 +151,16 @@ def test_planes_are_read_and_refused(tmp_path):
         read_rig(path)
     assert len(refused.value.problems) == 2
     assert any("holes" in problem and "whole number" in problem for problem in refused.value.problems)
+
+
+def test_the_grade_counts_at_the_service_speed_else_the_limits_else_what_was_measured(tmp_path):
+    def speed(addition: str, limits: str = "") -> tuple[float, str]:
+        data, path = write(tmp_path, rig=RIG.replace("[probes]", addition + "[probes]") + limits)
+        rig = read_rig(path)
+        speed_rpm, which = grade_speed(rig, read_measurement(data, rig))
+        return round(speed_rpm, 6), which
+
+    assert speed("") == (1500.0, "the highest measured")
+    limits = "[limits]\nspeed_rpm = [600, 3000]\n"
+    assert speed("", limits) == (3000.0, "the highest of [limits]")
+    assert speed("service_rpm = 6000\n", limits) == (6000.0, "the service speed")
