@@ -25,6 +25,8 @@ RESOLVED = 2.0
 """An entangled fault is still separable if it is this many standard errors large."""
 NEAR_PEAK = 0.1
 """Half width of the band around a resonance that is not proposed for measuring: there the model's own error rules."""
+MODEL_FAILS = "the model does not hold here"
+"""How the reason begins where the misfit is above the noise."""
 PASSES = 3
 """Gauss-Newton passes over the uncertain values; without any the map is linear and one is exact."""
 
@@ -309,7 +311,7 @@ def _hopeless(solution: _Solution, model: Model) -> str:
         return "the noise is unknown and nothing is left over to judge it by: give sigma_um, repeats, or a second speed"
     if solution.chi2 is not None and _fails(solution):
         return (
-            f"the model does not hold here: it misses the readings by {math.sqrt(solution.chi2):.3g} times their "
+            f"{MODEL_FAILS}: it misses the readings by {math.sqrt(solution.chi2):.3g} times their "
             "standard error, so that what it lacks is counted as unbalance and bow; `rotorjax explain` looks for what "
             "it lacks"
         )
@@ -318,7 +320,12 @@ def _hopeless(solution: _Solution, model: Model) -> str:
 
 def _fails(solution: _Solution) -> bool:
     """Whether the misfit is above the noise."""
-    return solution.chi2 is not None and solution.chi2 > 1.0 + HEALTHY_SPREADS * math.sqrt(2.0 / solution.freedom)
+    return solution.chi2 is not None and beyond_noise(solution.chi2, solution.freedom)
+
+
+def beyond_noise(reduced_chi2: float, freedom: int) -> bool:
+    """Whether a reduced chi-square is larger than noise makes it."""
+    return reduced_chi2 > 1.0 + HEALTHY_SPREADS * math.sqrt(2.0 / freedom)
 
 
 def _growth(covariance: Float[np.ndarray, "4 4"]) -> float:

@@ -10,6 +10,7 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
+from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
 from rotorjax.diagnosis.inverse import Diagnosis, RunDiagnosis
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Fit
 from rotorjax.effects.excitation import ResidualUnbalance
@@ -156,6 +157,70 @@ def _holes(c: Correction) -> str:
     return " and ".join(
         f"{mass} g in hole {part.hole} (at {part.angle_deg:g}°)" for mass, part in parts if float(mass) > 0.0
     )
+
+
+def influence_line(measurement: Measurement, rig: Rig) -> str:
+    """The correction by influence coefficients, which need no rotor model, in a sentence; empty where the runs do not
+    determine it.
+    """
+    found = measured_influence(measurement)
+    if found is None:
+        return ""
+    names = [list(rig.planes)[plane] for plane in weighted_planes(measurement)]
+    without = "By influence coefficients, without the rotor model: "
+    if all(fault.covariance is not None and not fault.differs_from_zero for fault in found.unbalance):
+        bound = number(max(fault.below for fault in found.unbalance) / GRAM_MILLIMETRE, 2)
+        if len(names) == 1:
+            return f"{without}no correction, the unbalance is not different from zero, below {bound} g mm (95 %)."
+        return f"{without}no correction, for weights in {' and '.join(names)} show alike in these readings."
+    parts = [f"{_opposite(fault, rig)} in plane {name}" for name, fault in zip(names, found.unbalance, strict=True)]
+    before, after = _rms_um(found)
+    said = (
+        f"{without}correction {' and '.join(parts)}. It leaves {number(after, 2)} of {number(before)} µm rms at 1X; a "
+        "bow and a runout are corrected along."
+    )
+    if found.linear is False:
+        said += (
+            " But the runs contradict one another: the vectors are not linear in the weights as stated; the misfit is "
+            f"{number(np.sqrt(found.reduced_chi2 or 0.0))} times the noise."
+        )
+    return said
+
+
+def _rms_um(found: InfluenceBalance) -> tuple[float, float]:
+    """Of the vibration without weights, and with the correction."""
+    before, after = (float(np.sqrt(np.mean(np.abs(z) ** 2))) / MICROMETRE for z in (found.initial, found.left))
+    return before, after
+
+
+def _opposite(unbalance: Fault, rig: Rig) -> str:
+    """The weight against an unbalance."""
+    if unbalance.covariance is not None and not unbalance.differs_from_zero:
+        return f"not different from zero, below {number(unbalance.below / GRAM_MILLIMETRE, 2)} g mm,"
+    size, error = told(unbalance.magnitude, unbalance.half_interval, GRAM_MILLIMETRE)
+    at = rig.convention.angle_deg(unbalance.pair) + 180.0
+    angle, turn = told_angle(at, unbalance.angle_half_interval_deg)
+    return f"{size} g mm at {angle}°" if error == "-" else f"{size} ± {error} g mm at {angle}° ± {turn}°"
+
+
+def influence_json(measurement: Measurement, rig: Rig) -> dict[str, Any] | None:
+    """The same for JSON."""
+    found = measured_influence(measurement)
+    if found is None:
+        return None
+    names, planes = list(rig.planes), {}
+    for plane, fault in zip(weighted_planes(measurement), found.unbalance, strict=True):
+        angle, half = rig.convention.angle_deg(fault.pair) % 360.0, fault.half_interval
+        planes[names[plane]] = {
+            "unbalance_g_mm": fault.magnitude / GRAM_MILLIMETRE,
+            "angle_deg": angle,
+            "correction_angle_deg": (angle + 180.0) % 360.0,
+            "half_interval_g_mm": None if half is None else half / GRAM_MILLIMETRE,
+            "angle_half_interval_deg": fault.angle_half_interval_deg,
+            "differs_from_zero": None if half is None else fault.differs_from_zero,
+        }
+    before, after = _rms_um(found)
+    return {"planes": planes, "rms_before_um": before, "rms_after_um": after, "reduced_chi2": found.reduced_chi2}
 
 
 def predicted_table(model: Model, correction: Correction, speeds_rpm: np.ndarray) -> Table:

@@ -8,9 +8,16 @@ import numpy as np
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
-from rotorjax.diagnosis.inverse import Diagnosis, Fault, RunDiagnosis
+from rotorjax.diagnosis.inverse import MODEL_FAILS, Diagnosis, Fault, RunDiagnosis
 from rotorjax.effects.excitation import ResidualUnbalance
-from rotorjax.reporting.balance import balance_json, balance_lines, balance_of_diagnosis, held_unbalance
+from rotorjax.reporting.balance import (
+    balance_json,
+    balance_lines,
+    balance_of_diagnosis,
+    held_unbalance,
+    influence_json,
+    influence_line,
+)
 from rotorjax.reporting.comparison import measurement_line
 from rotorjax.reporting.intervals import told, told_angle
 from rotorjax.reporting.tables import Table, laid_out, number
@@ -33,6 +40,7 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement, *, 
             "listed comes on top of it."
         )
     parts += balance_lines(balance_of_diagnosis(diagnosis, rig, measurement))
+    parts += filter(None, [influence_line(measurement, rig)])
     return laid_out(parts, width, everything="--json FILE")
 
 
@@ -71,7 +79,7 @@ def _fault_cells(fault: Fault | None, unit: float, convention: Convention) -> li
 def _alone(run: RunDiagnosis, convention: Convention) -> str:
     """The unbalance that would account for the most without any bow, where the two are not separable."""
     alone = run.unbalance_alone
-    if alone is None or run.model_holds is False:
+    if alone is None:
         return "-"
     size, _ = told(alone.magnitude, alone.half_interval, GRAM_MILLIMETRE)
     return f"{size} at {told_angle(convention.angle_deg(alone.pair), 10.0)[0]}°"
@@ -102,7 +110,7 @@ def _notes(diagnosis: Diagnosis, found: list[RunDiagnosis]) -> list[str]:
         )
     reasons: dict[str, list[str]] = {}
     for run in found:
-        if run.reason and run.model_holds is not False:
+        if run.reason and not run.reason.startswith(MODEL_FAILS):
             reasons.setdefault(run.reason, []).append(run.run)
     lines += [f"Unbalance and bow are not separable in {_listed(runs)}: {why}." for why, runs in reasons.items()]
     return lines
@@ -149,4 +157,5 @@ def diagnosis_json(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> 
         "inherent": run(diagnosis.inherent) if diagnosis.inherent else None,
         "balance": balance_json(balance),
         "no_correction": balance.why_none or None,
+        "influence_coefficients": influence_json(measurement, rig),
     }

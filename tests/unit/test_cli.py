@@ -147,6 +147,11 @@ def test_diagnose_makes_no_correction_of_what_is_not_there(example, told, capsys
     assert found["no_correction"] in said
     assert "To balance" not in said
     assert "G " not in said
+    # Influence coefficients need neither the rotor nor its damping.
+    without_rotor = found["influence_coefficients"]["planes"]["disk"]
+    assert without_rotor["unbalance_g_mm"] == pytest.approx(9.0, abs=0.1)
+    assert without_rotor["correction_angle_deg"] == pytest.approx(230.0, abs=0.5)
+    assert "without the rotor model: correction 9.0" in said
     assert found["runs"]["baseline"]["model_holds"] is None
     assert run("diagnose", bare, "--rig", example / "fitted.toml") == 0
     assert "To balance, if the model holds (which cannot be checked): " in capsys.readouterr().out
