@@ -19,11 +19,12 @@ from rotorjax.reporting.balance import (
     influence_line,
 )
 from rotorjax.reporting.comparison import measurement_line
-from rotorjax.reporting.intervals import told, told_angle
+from rotorjax.reporting.intervals import together, told, told_angle
 from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
-SEPARABLE = "unbalance and bow separable"
+SEPARABLE = "separable from bow"
+ANGLE, BOW_ANGLE = "at ° ± 95 %", "bow at ° ± 95 %"
 IF_NO_BOW = "unbalance g mm if no bow"
 MISFIT = "misfit / noise"
 
@@ -47,8 +48,7 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement, *, 
 def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
     """Unbalance and bow of every run, with 95 % intervals, and below it what the table does not say by itself."""
     found = [*diagnosis.runs, *([diagnosis.inherent] if diagnosis.inherent else [])]
-    fault = ["± 95 %", "at °", "± 95 %"]
-    headers = ["run", "unbalance g mm", *fault, "bow µm", *fault, SEPARABLE, MISFIT, IF_NO_BOW]
+    headers = ["run", "unbalance g mm ± 95 %", ANGLE, "bow µm ± 95 %", BOW_ANGLE, SEPARABLE, MISFIT, IF_NO_BOW]
     rows = []
     for run in found:
         cells = [
@@ -59,7 +59,7 @@ def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
         separable = "model fails" if run.model_holds is False else "yes" if run.identifiable else "no"
         rows.append([run.run, *cells, separable, number(misfit), _alone(run, convention)])
     title = "Unbalance and bow of every run, with what was installed in it"
-    spare = [IF_NO_BOW, MISFIT, SEPARABLE, "± 95 %", "at °"]
+    spare = [IF_NO_BOW, MISFIT, BOW_ANGLE, SEPARABLE, ANGLE]
     table = Table(title, headers, rows, "\n".join(_notes(diagnosis, found)), spare=spare)
     return table.without_empty((MISFIT, IF_NO_BOW))
 
@@ -67,13 +67,11 @@ def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
 def _fault_cells(fault: Fault | None, unit: float, convention: Convention) -> list[str]:
     """Size and angle, each with half of its 95 % interval; of what is not different from zero only a bound."""
     if fault is None:
-        return ["not determined", "-", "-", "-"]
+        return ["not determined", "-"]
     if fault.covariance is not None and not fault.differs_from_zero:
-        return [f"below {number(fault.below / unit, 2)}", "-", "-", "-"]
-    return [
-        *told(fault.magnitude, fault.half_interval, unit),
-        *told_angle(convention.angle_deg(fault.pair), fault.angle_half_interval_deg),
-    ]
+        return [f"below {number(fault.below / unit, 2)}", "-"]
+    angle = told_angle(convention.angle_deg(fault.pair), fault.angle_half_interval_deg)
+    return [together(told(fault.magnitude, fault.half_interval, unit)), together(angle)]
 
 
 def _alone(run: RunDiagnosis, convention: Convention) -> str:

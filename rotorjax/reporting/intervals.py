@@ -22,6 +22,12 @@ def told(value: float, error: float | None, unit: float = 1.0) -> tuple[str, str
     return f"{value / unit:.{decimals}f}", f"{error / unit:.{decimals}f}"
 
 
+def together(value_and_error: tuple[str, str]) -> str:
+    """Value ± error in one cell; the value alone where no error is known."""
+    value, error = value_and_error
+    return value if error == "-" else f"{value} ± {error}"
+
+
 def told_angle(degrees: float, error: float | None) -> tuple[str, str]:
     """An angle from 0 up to 360°, and half of its interval, no finer than 0.1°, rounded up."""
     coarse = error is not None and error >= 10.0

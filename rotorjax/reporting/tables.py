@@ -153,8 +153,8 @@ def laid_out(
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, an order or a vector at its angle, or the dash that stands for none."""
-    return bool(re.fullmatch(r"-|[-+]?\d[\d.]*(e[-+]?\d+)?(X| at -?\d+°)?", cell))
+    """Whether a cell is a number with or without its error, an order or a vector at its angle, or the dash for none."""
+    return bool(re.fullmatch(r"-|[-+]?\d[\d.]*(e[-+]?\d+)?(X| at -?\d+°| ± \d[\d.]*)?", cell))
 
 
 def number(value: float | None, digits: int = 3) -> str:
