@@ -21,8 +21,8 @@ class InfluenceBalance(NamedTuple):
     initial: Complex[np.ndarray, "cell"]
     """Vectors without any weight."""
     unbalance: tuple[Fault, ...]
-    """By plane: opposite the weights that all together leave the least, Σ |left/σ|². It stands for everything that
-    shows at 1X, a bow and a runout among it.
+    """By plane that is corrected in: opposite the weights that all together leave the least, Σ |left/σ|². It stands for
+    everything that shows at 1X, a bow and a runout among it.
     """
     left: Complex[np.ndarray, "cell"]
     """Vectors predicted with these weights."""
@@ -38,6 +38,8 @@ def influence_balance(
     vectors: Complex[np.ndarray, "run cell"],
     weights: Complex[np.ndarray, "run plane"],
     sigma: Float[np.ndarray, "run cell"] | None = None,
+    *,
+    using: tuple[int, ...] | None = None,
 ) -> InfluenceBalance:
     """Influence coefficients from runs with different weights, and the unbalance that they show.
 
@@ -46,7 +48,8 @@ def influence_balance(
 
     **Arguments:** ``vectors``; ``weights`` as complex numbers m e^{iα}, α counting as phases lead; ``sigma``: standard
     error of real and of imaginary part, in the unit of the vectors; without it runs beyond those needed give it, and
-    without those no covariance is known. **Errors.** ``ValueError`` where the runs do not determine every plane.
+    without those no covariance is known; ``using``: planes that are corrected in, by default all.
+    **Errors.** ``ValueError`` where the runs do not determine every plane.
     """
     design = np.column_stack([np.ones(len(weights)), weights])
     runs, unknowns = design.shape
@@ -60,9 +63,11 @@ def influence_balance(
     freedom = 2 * vectors.shape[1] * (runs - unknowns)
     chi2 = float(np.sum(np.abs((vectors - design @ answer.T) / spread) ** 2)) / freedom if freedom else None
     root = 1.0 / np.sqrt(np.mean(spread**2, axis=0))
-    inverse = np.linalg.pinv(root[:, None] * influence) * root
+    chosen = list(range(weights.shape[1]) if using is None else using)
+    inverse = np.linalg.pinv(root[:, None] * influence[:, chosen]) * root
     found = -inverse @ initial
-    along = np.concatenate([[1.0], found])
+    along = np.zeros(unknowns, complex)
+    along[[0, *(1 + k for k in chosen)]] = [1.0, *found]
     variance = np.abs(inverse) ** 2 @ np.real(np.einsum("i,kij,j->k", along, squares, np.conj(along)))
     scale = chi2 if sigma is None else max(1.0, chi2 or 1.0)
     unbalance = tuple(
@@ -75,7 +80,7 @@ def influence_balance(
     )
     known = None if sigma is None else chi2
     linear = None if known is None else not beyond_noise(known, freedom)
-    return InfluenceBalance(influence, initial, unbalance, initial + influence @ found, known, linear)
+    return InfluenceBalance(influence, initial, unbalance, initial + influence @ along[1:], known, linear)
 
 
 def weighted_planes(measurement: Measurement) -> tuple[int, ...]:
@@ -84,9 +89,10 @@ def weighted_planes(measurement: Measurement) -> tuple[int, ...]:
     return tuple(int(k) for k in np.flatnonzero(np.ptp(np.abs(installed - installed[:1]), axis=0) > 0.0))
 
 
-def measured_influence(measurement: Measurement) -> InfluenceBalance | None:
+def measured_influence(measurement: Measurement, *, using: tuple[int, ...] | None = None) -> InfluenceBalance | None:
     """The same from the 1X vectors of a measurement, at the speeds that all its runs share, for `weighted_planes`; none
-    where its runs do not determine them. Vectors in m, weights in kg m.
+    where its runs do not determine them. Vectors in m, weights in kg m. **Arguments:** ``using``: of these planes those
+    that are corrected in, counted among them.
     """
     planes, bow = weighted_planes(measurement), np.asarray(measurement.conditions.bow)
     cells = _common_cells(measurement)
@@ -97,7 +103,7 @@ def measured_influence(measurement: Measurement) -> InfluenceBalance | None:
     design = np.column_stack([np.full(len(weights), np.abs(weights).max()), weights])
     if np.linalg.matrix_rank(design, tol=1e-6 * np.abs(design).max()) < len(planes) + 1:
         return None
-    return influence_balance(vectors, weights, None if measurement.sigma is None else sigma)
+    return influence_balance(vectors, weights, None if measurement.sigma is None else sigma, using=using)
 
 
 def _installed(measurement: Measurement) -> Complex[np.ndarray, "run plane"]:

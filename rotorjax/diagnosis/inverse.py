@@ -371,7 +371,7 @@ def _cure(solution: _Solution, model: Model, measurement: Measurement, index: in
         expected = np.abs(response_to(model, conditions, np.tile(solution.faults, (len(candidates), 1)))[:, :, first])
         clear &= np.all(expected < limits.amplitude_um * MICROMETRE, axis=1)
     if not clear.any():
-        return "no speed within the limits would tell them apart"
+        return "no speed within the limits would separate them"
     cells = measurement.weights(0.0 if measurement.sigma is not None else MICROMETRE)[measurement.run == index][
         :, :, first
     ]
@@ -387,7 +387,7 @@ def _cure(solution: _Solution, model: Model, measurement: Measurement, index: in
         )
     best = int(np.argmin(after))
     if measurement.knowledge.uncertain:
-        return f"a reading at {candidates[best]:.0f} rpm would tell most"
+        return f"a reading at {candidates[best]:.0f} rpm would separate them best"
     return (
         f"a reading at {candidates[best]:.0f} rpm would bring the standard error of the unbalance from {before:.3g} to "
         f"{after[best]:.3g} g mm"

@@ -11,7 +11,7 @@ from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
-from rotorjax.diagnosis.inverse import Diagnosis, RunDiagnosis
+from rotorjax.diagnosis.inverse import ENTANGLED, Diagnosis, RunDiagnosis
 from rotorjax.discovery.fit import NORMAL_QUANTILE, Fit
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.model.model import Model
@@ -159,20 +159,32 @@ def _holes(c: Correction) -> str:
     )
 
 
-def influence_line(measurement: Measurement, rig: Rig) -> str:
-    """The correction by influence coefficients, which need no rotor model, in a sentence; empty where the runs do not
-    determine it.
+def influence_lines(measurement: Measurement, rig: Rig) -> list[str]:
+    """The correction by influence coefficients, which need no rotor model, in sentences; none where the runs do not
+    determine it. Planes whose weights show alike are corrected in by themselves.
     """
-    found = measured_influence(measurement)
-    if found is None:
-        return ""
+    together = measured_influence(measurement)
+    if together is None:
+        return []
     names = [list(rig.planes)[plane] for plane in weighted_planes(measurement)]
+    alone = [measured_influence(measurement, using=(k,)) for k in range(len(names))]
+    alike = any(
+        fault.largest_error > ENTANGLED * one.unbalance[0].largest_error
+        for fault, one in zip(together.unbalance, alone, strict=True)
+        if one is not None and fault.covariance is not None
+    )
+    if not alike:
+        return [_influence_line(together, names, rig)]
+    said = [_influence_line(one, [f"{name} alone"], rig) for name, one in zip(names, alone, strict=True) if one]
+    return [*said, f"Weights in {' and '.join(names)} show alike here: how to share the correction is left open."]
+
+
+def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:
+    """One answer of influence coefficients in a sentence. **Arguments:** ``names`` of the planes."""
     without = "By influence coefficients, without the rotor model: "
-    if all(fault.covariance is not None and not fault.differs_from_zero for fault in found.unbalance):
-        bound = number(max(fault.below for fault in found.unbalance) / GRAM_MILLIMETRE, 2)
-        if len(names) == 1:
-            return f"{without}no correction, the unbalance is not different from zero, below {bound} g mm (95 %)."
-        return f"{without}no correction, for weights in {' and '.join(names)} show alike in these readings."
+    if len(names) == 1 and found.unbalance[0].covariance is not None and not found.unbalance[0].differs_from_zero:
+        bound = number(found.unbalance[0].below / GRAM_MILLIMETRE, 2)
+        return f"{without}no correction in plane {names[0]}, the unbalance is below {bound} g mm (95 %)."
     parts = [f"{_opposite(fault, rig)} in plane {name}" for name, fault in zip(names, found.unbalance, strict=True)]
     before, after = _rms_um(found)
     said = (
@@ -181,8 +193,8 @@ def influence_line(measurement: Measurement, rig: Rig) -> str:
     )
     if found.linear is False:
         said += (
-            " But the runs contradict one another: the vectors are not linear in the weights as stated; the misfit is "
-            f"{number(np.sqrt(found.reduced_chi2 or 0.0))} times the noise."
+            f" But the runs differ by {number(np.sqrt(found.reduced_chi2 or 0.0))} times the noise from what is linear "
+            "in the weights: scatter between mountings, a weight stated wrongly, or a rotor that is not linear."
         )
     return said
 

@@ -16,7 +16,7 @@ from rotorjax.reporting.balance import (
     balance_of_diagnosis,
     held_unbalance,
     influence_json,
-    influence_line,
+    influence_lines,
 )
 from rotorjax.reporting.comparison import measurement_line
 from rotorjax.reporting.intervals import together, told, told_angle
@@ -41,7 +41,7 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement, *, 
             "listed comes on top of it."
         )
     parts += balance_lines(balance_of_diagnosis(diagnosis, rig, measurement))
-    parts += filter(None, [influence_line(measurement, rig)])
+    parts += influence_lines(measurement, rig)
     return laid_out(parts, width, everything="--json FILE")
 
 
@@ -66,9 +66,9 @@ def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
 
 def _fault_cells(fault: Fault | None, unit: float, convention: Convention) -> list[str]:
     """Size and angle, each with half of its 95 % interval; of what is not different from zero only a bound."""
-    if fault is None:
+    if fault is None or fault.covariance is None:
         return ["not determined", "-"]
-    if fault.covariance is not None and not fault.differs_from_zero:
+    if not fault.differs_from_zero:
         return [f"below {number(fault.below / unit, 2)}", "-"]
     angle = told_angle(convention.angle_deg(fault.pair), fault.angle_half_interval_deg)
     return [together(told(fault.magnitude, fault.half_interval, unit)), together(angle)]
@@ -94,7 +94,7 @@ def _notes(diagnosis: Diagnosis, found: list[RunDiagnosis]) -> list[str]:
             "inherent: the rotor's own unbalance and bow, which the reference runs show beyond what was installed in "
             "them; it is taken off the other runs."
         )
-    if all(run.reduced_chi2 is None for run in found):
+    if any(fault.covariance is not None and math.isfinite(fault.freedom) for fault in faults):
         lines.append(
             "The noise of the readings is not given: ± comes from what the model leaves, and whether the model holds "
             "cannot be checked. Give sigma_um, or repeats."

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Measurement, Model, diagnose, response
+from rotorjax import Conditions, Jeffcott, Measurement, Model, diagnose, effects, read_rig, response
 from rotorjax.diagnosis.influence_coefficients import influence_balance, measured_influence, weighted_planes
+from rotorjax.reporting.balance import influence_lines
+
+from helpers import RIG, write
 
 PUBLISHED = Path(__file__).parents[3] / "shared" / "real"
 OWN = np.array([5e-6, -7e-6])
@@ -93,9 +96,36 @@ def test_two_planes_at_once():
     np.testing.assert_allclose([complex(*fault.pair) for fault in found.unbalance], own, rtol=1e-9)
     np.testing.assert_allclose(found.influence, influence, rtol=1e-9)
     np.testing.assert_allclose(found.left, 0.0, atol=1e-9)
+    # One plane in its own right leaves what is orthogonal to its influence.
+    one = influence_balance(vectors, weights, using=(1,))
+    assert len(one.unbalance) == 1
+    np.testing.assert_allclose(np.conj(influence[:, 1]) @ one.left, 0.0, atol=1e-9)
     # What no weight can still is left, and is the least that can be.
     least = influence_balance(vectors + initial, weights)
     np.testing.assert_allclose(np.conj(influence.T) @ least.left, 0.0, atol=1e-9)
+
+
+def test_planes_in_one_mode_are_corrected_in_by_themselves(tmp_path):
+    """Two planes of a rotor with one mode: how to share the correction is left open, and each alone is the whole."""
+    text = RIG.replace("[runs.baseline]\n", "[planes.a]\n[planes.b]\nparticipation = 0.5\n[runs.baseline]\n")
+    text = text.replace("{ magnitude", '{ plane = "a", magnitude') + '[runs.trial-b]\nunbalance = { plane = "b", '
+    text += "magnitude_g_mm = 40.0, angle_deg = 90.0 }\n"
+    _, path = write(tmp_path, rig=text)
+    rig = read_rig(path)
+    weights = np.array([installed.unbalance for installed in rig.runs.values()])
+    run = np.repeat(np.arange(3), len(SPEEDS))
+    conditions = Conditions.at_rpm(np.tile(SPEEDS, 3), unbalance=weights[run])
+    z = np.asarray(response(rig.model + effects.ResidualUnbalance(*OWN), conditions))
+    rng = np.random.default_rng(5)
+    z = z + 0.2e-6 * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple(rig.runs), sigma=0.2e-6)
+    lines = influence_lines(measurement, rig)
+    assert len(lines) == 3
+    assert "in plane a alone" in lines[0]
+    assert "how to share the correction is left open" in lines[2]
+    for k, share in enumerate((1.0, 0.5)):
+        (fault,) = measured_influence(measurement, using=(k,)).unbalance
+        assert np.hypot(*(share * fault.pair - OWN)) < 3.0 * share * fault.reach
 
 
 @pytest.mark.skipif(not PUBLISHED.is_dir(), reason="published balancing cases are not at hand")
