@@ -18,6 +18,8 @@ from timing import timed
 from verdicts import summary, write_page
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from drawn_slips import draw_with_mistake
+
 from rotorjax import explain
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.ties import Alternative
@@ -37,9 +39,9 @@ by others, or "nothing missing" while something is and can be seen.
 Written by `python benchmarks/explanations.py --output benchmarks/results`."""
 
 
-def judged(hidden: Hidden, found: Explanation) -> str:
+def judged(hidden: Hidden, found: Explanation, mistake: str | None = None) -> str:
     """In a few words, whether the answer is right."""
-    truth, answer = set(hidden.effects), set(found.effects)
+    truth, answer = {*hidden.effects, *filter(None, [mistake])}, set(found.named)
     if found.verdict in ("explained", "nothing missing"):
         if answer == truth:
             return "right"
@@ -47,7 +49,8 @@ def judged(hidden: Hidden, found: Explanation) -> str:
         if answer < truth and (found.p_value is not None or truth <= answer | small):
             return "right but for the small"
         return "in other words" if truth in _replaced(answer, found.ties.contains) else "WRONG"
-    if found.verdict == "undecided" and truth in [answer, *_replaced(answer, found.ties.tied)]:
+    other_mistakes = [set(other.named) for other in found.written.tied]
+    if found.verdict == "undecided" and truth in [answer, *_replaced(answer, found.ties.tied), *other_mistakes]:
         return "among what is open"
     return "left open"
 
@@ -61,6 +64,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=730, help="seed to begin with (%(default)s)")
     parser.add_argument("--seeds", type=int, default=50, help="number of cases (%(default)s)")
+    parser.add_argument(
+        "--slips",
+        action="store_true",
+        help="every second case with a mistake in rig file or table",
+    )
     parser.add_argument("--output", type=Path, help="folder for explanations.md")
     arguments = parser.parse_args()
     if arguments.output:
@@ -68,26 +76,26 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     rows = []
     for seed in range(arguments.first, arguments.first + arguments.seeds):
-        hidden = draw(seed)
-        found, seconds = timed(lambda hidden=hidden: explain(hidden.model, hidden.measurement))
+        hidden, mistake = draw_with_mistake(seed) if arguments.slips else (draw(seed), None)
+        found, seconds = timed(lambda hidden=hidden: explain(hidden.model, hidden.measurement, slips=arguments.slips))
         story = found.story
         noise = None if hidden.measurement.sigma is None else np.sqrt(2.0) * hidden.measurement.sigma.max()
         before, after = (
             number(None if noise is None else view.rms / noise, 3) for view in (story.declared, story.last)
         )
         p = "" if found.p_value is None else number(found.p_value.value, 2)
-        ties = "; ".join(" + ".join(others) or "nothing" for group in found.ties.groups() for others in group[1:])
+        ties = "; ".join(" + ".join(others) or "nothing" for group in found.tied_groups() for others in group[1:])
         row = [
             str(seed),
-            " + ".join(hidden.effects),
+            " + ".join([*filter(None, [mistake]), *hidden.effects]),
             hidden.words,
             before,
             found.verdict,
-            " + ".join(found.effects),
+            " + ".join(found.named),
             ties,
             after,
             p,
-            judged(hidden, found),
+            judged(hidden, found, mistake),
         ]
         rows.append(row)
         print(" | ".join(row), f"({seconds:.0f} s)", flush=True)

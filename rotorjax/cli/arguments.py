@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
+    from rotorjax.data.declarations import Slip
+    from rotorjax.data.measurement import Measurement
     from rotorjax.model.contract import Effect
     from rotorjax.model.model import Model
 
@@ -50,6 +52,33 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
     return effects, frozenset(fixed)
 
 
+def parse_slip(texts: list[str], model: "Model", measurement: "Measurement") -> "tuple[Slip | None, list[str]]":
+    """The mistake in rig file or table among ``--effect`` options, if there is one, and the other options: by its name,
+    ``runs_exchanged.A.B``, or as ``runs_exchanged:A=trial-a,B=trial-b``, whatever stands before the equals signs.
+    """
+    from rotorjax.data.declarations import KINDS, slips
+    from rotorjax.data.section import nearest
+
+    found, others = [], []
+    for text in texts:
+        kind = text.partition(":")[0].partition(".")[0]
+        if kind not in KINDS:
+            others.append(text)
+            continue
+        name, _, about = text.partition(":")
+        wanted = ".".join([name, *(part.partition("=")[2] for part in filter(None, about.split(",")))])
+        known = {slip.name: slip for slip in slips(model, measurement, [kind])}
+        backwards = ".".join([name, *reversed(wanted.split(".")[1:])])
+        slip = known.get(wanted, known.get(backwards))
+        if slip is None:
+            what = nearest(wanted, known) if known else "it would change nothing with this rig file and table"
+            raise InputError(f"--effect {text}: no such mistake can be made here; {what}")
+        found.append(slip)
+    if len(found) > 1:
+        raise InputError(f"--effect {found[1].name}: one mistake in rig file or table at a time")
+    return (found[0] if found else None), others
+
+
 def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, float]:
     """Values given less those that the model has already: what is added makes up the value given."""
     present = model.find(name)
@@ -60,15 +89,18 @@ def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, flo
     return {label: value - has[label] for label, value in given.items()}
 
 
-def effect_names(flag: str, text: str | None) -> tuple[str, ...] | None:
-    """Names of effects, separated by commas, all known."""
+def effect_names(flag: str, text: str | None, *, slips: bool = False) -> tuple[str, ...] | None:
+    """Names of effects, separated by commas, all known; of mistakes in rig file and table too, with ``slips``."""
     if text is None:
         return None
+    from rotorjax.data.declarations import KINDS
     from rotorjax.data.synonyms import nearest_effect
     from rotorjax.effects import CATALOG
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())
-    if unknown := [name for name in names if name not in CATALOG]:
+    if not slips and (mistakes := [name for name in names if name in KINDS]):
+        raise InputError(f"{flag}: {mistakes[0]} is a mistake in rig file or table: it takes part with --slips only")
+    if unknown := [name for name in names if name not in CATALOG and name not in KINDS]:
         raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest_effect(name, CATALOG)}" for name in unknown))
     if flag == "--only" and not names:
         raise InputError("--only: names no effect; name those that may be missing, or leave the option out")

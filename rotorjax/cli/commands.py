@@ -7,12 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects
+from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_slip
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.terminal import complain, say, terminal_width
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
+    from rotorjax.data.declarations import Slip
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.rig import Rig
     from rotorjax.discovery.explain import Explanation
@@ -30,14 +31,15 @@ def compare(options: argparse.Namespace) -> None:
     from rotorjax.reporting.comparison import comparison_json, comparison_text
 
     rig, measurement = _read(options)
-    additions, fixed = parse_effects(options.effect, rig.model.with_orders(measurement.orders))
+    slip, named = parse_slip(options.effect, rig.model, measurement)
+    additions, fixed = parse_effects(named, rig.model.with_orders(measurement.orders))
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
     if already := [effect.name for effect in additions if effect.name in declared]:
         raise InputError(
             f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; "
             "leave it out"
         )
-    story = tell(rig.model, measurement, additions, fixed=fixed)
+    story = tell(rig.model, measurement, additions, fixed=fixed, slip=slip)
     say(comparison_text(story, width=terminal_width()))
     _write_outputs(
         options,
@@ -46,6 +48,7 @@ def compare(options: argparse.Namespace) -> None:
         comparison_json(story),
         story,
         f"{options.data.name} against {options.rig.name}",
+        story.slip,
     )
 
 
@@ -56,10 +59,12 @@ def _write_outputs(
     content: dict[str, Any],
     result: "Story | Explanation",
     title: str,
+    slip: "Slip | None",
 ) -> None:
     """The files that a comparison or an explanation was asked for."""
-    if options.write_rig:
-        rig.write(options.write_rig, model)
+    if options.write_rig and not rig.write(options.write_rig, model, slip):
+        assert slip is not None
+        say(f"\n{options.write_rig} still goes with what was written down wrongly; change by hand: {slip.cure}.")
     if options.json:
         _write_json(options.json, content)
     if options.report:
@@ -73,7 +78,8 @@ def explain(options: argparse.Namespace) -> None:
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
     only, exclude = (
-        effect_names(flag, text) for flag, text in (("--only", options.only), ("--exclude", options.exclude))
+        effect_names(flag, text, slips=options.slips)
+        for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:
         progress(f"reading {options.data}")
@@ -108,9 +114,8 @@ def explain(options: argparse.Namespace) -> None:
         explanation_json(found, rig),
         found,
         f"{options.data.name}: what {options.rig.name} lacks",
+        found.slip,
     )
-    if options.write_rig and found.slip is not None:
-        say(f"\n{options.write_rig} still states what was written down wrongly; change it by hand: {found.slip.cure}.")
 
 
 def diagnose(options: argparse.Namespace) -> None:

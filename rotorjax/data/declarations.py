@@ -64,6 +64,10 @@ class Slip(NamedTuple):
         """As it stands beside effects: ``trial_weight_opposite.RUN``."""
         return ".".join((self.kind, *self.about))
 
+    def put_right(self, model: Model, measurement: Measurement) -> Stated:
+        """Model and measurement as they should have been stated."""
+        return (reversed_rotation(model), measurement) if self.in_mirror else self.corrected(model, measurement)
+
 
 def slips(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Slip]:
     """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
@@ -149,11 +153,12 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
     """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
     if m.rms == 0.0:
         return
-    peak = "[convention] amplitude: write the other of peak and peak-to-peak"
     mils = "the table: {} amplitude_um and sigma_um by 25.4"
+    peak = "[convention] amplitude: write"
+    halved = "amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", f'{peak} "peak"'
+    doubled = "amplitude_doubled", (), 2.0, "amplitudes are peak-to-peak where peak is stated", f'{peak} "peak-to-peak"'
     for kind, about, factor, meaning, cure in (
-        ("amplitude_doubled", (), 2.0, "amplitudes are peak-to-peak where peak is stated", peak),
-        ("amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", peak),
+        halved if m.knowledge.peak_to_peak else doubled,
         ("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", mils.format("multiply")),
         ("amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", mils.format("divide")),
     ):

@@ -74,6 +74,8 @@ class Knowledge:
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
     limits: Limits = dataclasses.field(default_factory=Limits)
+    peak_to_peak: bool = False
+    """Whether the table's amplitudes are said to be peak-to-peak."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import tomlkit
 
+from rotorjax.data.declarations import Slip
 from rotorjax.data.files import write_whole
 from rotorjax.data.measurement import Installed, Knowledge, Measurement, Row, arrange
+from rotorjax.data.rig_edits import put_right
 from rotorjax.data.rig_sections import (
     TURNS,
     WEIGHT,
@@ -97,9 +99,14 @@ class Rig:
             "    bow = { magnitude_mm = 0.0, angle_deg = 0.0 }"
         )
 
-    def write(self, path: Path, model: Model) -> None:
-        """Write this rig file with the effects of another model, everything else as the user wrote it."""
+    def write(self, path: Path, model: Model, slip: Slip | None = None) -> bool:
+        """Write this rig file with the effects of another model, everything else as the user wrote it.
+
+        **Arguments:** ``slip``: what was written down wrongly, if anything, put right. **Returns** whether it could be:
+        what is wrong in the table is not in this file.
+        """
         document = tomlkit.parse(self.text)
+        right = slip is None or put_right(document, slip)
         document.pop("effects", None)
         model = self._with_other_orders(model)
         if model.effects:
@@ -109,6 +116,7 @@ class Rig:
             document.add(tomlkit.nl())
             document.add("effects", effects)
         write_whole(path, tomlkit.dumps(document).rstrip("\n") + "\n")
+        return right
 
     def _with_other_orders(self, model: Model) -> Model:
         """The model with what this rig file says of orders that it does not have."""
@@ -183,6 +191,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     knowledge = Knowledge(
         **uncertainty_of(document, tuple(model_parts[1])), priors=priors_of(document, catalog),
         limits=limits_of(document), tolerance=tolerance, run_scatter=scatter,
+        peak_to_peak=convention.amplitude == "peak-to-peak",
     )  # fmt: skip
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = effects_of(document, layout, catalog)

@@ -312,11 +312,10 @@ def _answer(
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
     if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
-    if verdict == "nothing missing" and written.best.slip_name is not None:
+    if verdict == "nothing missing" and written.best.slip is not None:
         verdict = "explained"
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    m, slip = contest.measurement, written.best.slip_name
-    story = Story(model, m, stated, selection.effects, fits, views, (), undriven, slip)
+    story = Story(model, contest.measurement, stated, selection.effects, fits, views, (), undriven, written.best.slip)
     return Explanation(
         verdict=verdict,
         effects=selection.effects,

@@ -388,14 +388,8 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     exact: Known = {}
     if contest.measurement.sigma is not None and contest.floor == NO_NOISE:
         # Where nothing can hold, this leads nowhere and would go on for long.
-        left = (
-            EXACT_SHARE
-            if contest.budget.limit is None
-            else min(EXACT_SHARE, contest.budget.limit - contest.budget.spent)
-        )
-        apart = dataclasses.replace(contest, budget=Budget(left))
-        exact = race(apart, contest.floor, wanted, known)
-        contest.budget.spent += apart.budget.spent
+        with contest.budget.share(EXACT_SHARE):
+            exact = race(contest, contest.floor, wanted, known)
         if _leader_holds(contest, exact, wanted):
             # What was cut off, as the share was spent, goes on.
             exact = race(contest, contest.floor, wanted, {**known, **exact})

@@ -8,6 +8,7 @@ import functools
 import jax.numpy as jnp
 import numpy as np
 
+from rotorjax.data.declarations import Slip
 from rotorjax.data.measurement import Measurement, require_steady
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
@@ -39,7 +40,7 @@ class Story(Reported):
     rivals: tuple[Rival, ...]
     undriven: tuple[float, ...] = ()
     """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
-    slip: str | None = None
+    slip: Slip | None = None
     """What was written down wrongly: put right from the first fit on."""
 
     def __repr__(self) -> str:
@@ -93,15 +94,28 @@ class Story(Reported):
 
 
 def tell(
-    model: Model, measurement: Measurement, additions: list[Effect], *, fixed: frozenset[str] = frozenset()
+    model: Model,
+    measurement: Measurement,
+    additions: list[Effect],
+    *,
+    fixed: frozenset[str] = frozenset(),
+    slip: Slip | None = None,
 ) -> Story:
     """Compare a model as it is; then add effects one after the other, fitting what is not fixed, and compare again.
 
-    **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value.
+    **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value; ``slip``:
+    what is taken to be written down wrongly (`rotorjax.data.declarations.slips`), put right before anything is added.
     """
     names = tuple(effect.name for effect in additions)
-    if not additions:
+    if not additions and slip is None:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())
+    if slip is not None:
+        declared = compare(model, measurement)
+        right = slip.put_right(model, measurement)
+        told = tell(*right, additions, fixed=fixed)
+        fits = told.fits or tuple(fit_steps(right[0], [], right[1]))
+        views = told.views or tuple(compare_vectors(f.predicted, right[1], f.model) for f in fits)
+        return dataclasses.replace(told, declared=declared, fits=fits, views=views, slip=slip)
     undriven = undriven_orders(model.plus(additions), measurement)
     measurement = without_orders(measurement, undriven)
     fits = fit_steps(model, additions, measurement, fixed=fixed)

@@ -18,7 +18,7 @@ Ramsay, Hooker, Campbell, Cao 2007, J. R. Stat. Soc. B 69:741-796.)
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -115,6 +115,22 @@ class Budget:
     def exhausted(self) -> bool:
         """Whether the limit is reached."""
         return self.limit is not None and self.spent >= self.limit
+
+    @property
+    def left(self) -> float:
+        """How many may still be."""
+        return math.inf if self.limit is None else max(0, self.limit - self.spent)
+
+    @contextlib.contextmanager
+    def share(self, most: float) -> Iterator[None]:
+        """While it is open, no more than ``most`` of what is left."""
+        limit = self.limit
+        if most < self.left:
+            self.limit = self.spent + int(most)
+        try:
+            yield
+        finally:
+            self.limit = limit
 
 
 class States(NamedTuple):

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rotorjax.data.declarations import Slip
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Cell, Comparison
@@ -53,7 +54,11 @@ def verdict(story: Story) -> str:
     if not story.fits:
         return first
     before, after = story.views[0].rms, story.last.rms
-    if _has_uncertain(story):
+    if story.slip is not None:
+        first += f" If {story.slip.meaning}, {number(before / MICROMETRE)} µm rms remain ({story.slip.cure})."
+        if not story.additions:
+            return f"{first} {_remains(story)}"
+    elif _has_uncertain(story):
         first += f" With its uncertain values fitted {number(before / MICROMETRE)} µm remain."
     names = ", ".join(story.additions)
     needed = [r for r in story.rivals if r.instead is None and not r.tied]
@@ -141,7 +146,7 @@ def step_labels(story: Story) -> list[str]:
     labels = ["as declared"]
     if story.fits:
         uncertain = ["uncertain values"] if _has_uncertain(story) else []
-        first = uncertain if story.slip is None else [f"+ {story.slip}"]
+        first = uncertain if story.slip is None else [f"+ {story.slip.name}"]
         labels += [*first, *(f"+ {name}" for name in story.additions)]
     return labels
 
@@ -299,6 +304,7 @@ def comparison_json(story: Story) -> dict[str, Any]:
     """What ``compare --json`` writes: the model as it is at the end, what it was before, and every step."""
     return {
         "verdict": verdict(story),
+        "written_down_wrongly": slip_json(story.slip),
         **view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
         "noise": "inferred" if story.measurement.noise != "given" else "given",
         "before": view_json(story.declared, story.declared.reduced_chi2),
@@ -313,6 +319,11 @@ def comparison_json(story: Story) -> dict[str, Any]:
         else None,
         "findings": findings(story),
     }
+
+
+def slip_json(slip: Slip | None) -> dict[str, str] | None:
+    """What was written down wrongly, if anything, and what to change."""
+    return None if slip is None else {"name": slip.name, "meaning": slip.meaning, "change": slip.cure}
 
 
 def view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:

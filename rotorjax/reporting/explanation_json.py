@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-from rotorjax.data.declarations import Slip
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.critical_speeds import critical_speeds
 from rotorjax.discovery.explain import Explanation
@@ -12,7 +11,7 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.balance import balance_json
-from rotorjax.reporting.comparison import step_json, view_json
+from rotorjax.reporting.comparison import slip_json, step_json, view_json
 from rotorjax.reporting.explanation import balance_of, before_and_after, notes, sentence
 from rotorjax.units import MICROMETRE
 
@@ -40,7 +39,7 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "verdict": found.verdict,
         "sentence": sentence(found),
         "effects": list(found.named),
-        "written_down_wrongly": None if found.slip is None else _slip_json(found.slip),
+        "written_down_wrongly": slip_json(found.slip),
         "steps": every,
         "ranking": _ranking_json(found, 0),
         "ties": found.tied_groups(),
@@ -71,10 +70,6 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "findings": notes(found),
         "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
     }
-
-
-def _slip_json(slip: Slip) -> dict[str, str]:
-    return {"name": slip.name, "meaning": slip.meaning, "change": slip.cure}
 
 
 def _ranking_json(found: Explanation, step: int) -> list[dict[str, Any]]:

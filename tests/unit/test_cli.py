@@ -320,6 +320,25 @@ def test_values_given_replace_those_of_the_rig(tmp_path):
     )
 
 
+def test_a_mistake_in_the_rig_file_is_tried_and_put_right(tmp_path):
+    from_example = tmp_path / "example"
+    assert run("example", from_example) == 0
+    rig, table = from_example / "rig.toml", from_example / "measurement.csv"
+    right, answer = tmp_path / "right.toml", tmp_path / "a.json"
+    rig.write_text(rig.read_text(encoding="utf-8").replace('phase = "lead"', 'phase = "lag"'), encoding="utf-8")
+    assert (
+        run("compare", table, "--rig", rig, "--effect", "phase_sign_reversed", "--write-rig", right, "--json", answer)
+        == 0
+    )
+    told = json.loads(answer.read_text(encoding="utf-8"))
+    assert told["written_down_wrongly"]["name"] == "phase_sign_reversed"
+    assert told["before"]["rms_um"] > 100.0
+    assert told["rms_um"] < 32.5
+    assert 'phase = "lead"' in right.read_text(encoding="utf-8")
+    assert run("compare", table, "--rig", right, "--json", answer) == 0
+    assert json.loads(answer.read_text(encoding="utf-8"))["rms_um"] == pytest.approx(told["rms_um"], rel=1e-6)
+
+
 def test_text_from_files_is_escaped(tmp_path):
     name = "<script>alert(1)</script>"
     rig = RIG.replace("[runs.baseline]", f'[runs."{name}"]')

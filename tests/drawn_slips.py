@@ -1,0 +1,101 @@
+"""Mistakes in what rig file and table state, drawn by seed beside the effects of `drawn_effects`, made longhand."""
+
+import dataclasses
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from rotorjax import Conditions
+
+from drawn_effects import Hidden, draw
+from nonlinear_oracle import DOWN
+
+MIL = 25.4
+
+Mistake = Callable[[Hidden], Hidden]
+
+
+def draw_with_mistake(seed: int) -> tuple[Hidden, str | None]:
+    """Effects as `draw` has them; in every second case beside one mistake that the measurement permits, by its name."""
+    hidden = draw(seed)
+    if seed % 2:
+        return hidden, None
+    possible = _possible(hidden)
+    rng = np.random.default_rng([2611, seed])
+    kinds = sorted({name.split(".")[0] for name in possible})
+    kind = str(rng.choice(kinds))
+    name = str(rng.choice(sorted(name for name in possible if name.split(".")[0] == kind)))
+    return possible[name](hidden), name
+
+
+def _possible(hidden: Hidden) -> dict[str, Mistake]:
+    m = hidden.measurement
+    unbalance = np.asarray(m.conditions.unbalance)
+    first = [int(np.argmax(m.run == k)) for k in range(len(m.runs))]
+    seen = [name for k, name in enumerate(m.probes) if m.present[:, k].any()]
+    found: dict[str, Mistake] = {
+        "phase_sign_reversed": lambda h: _vectors(h, np.conj),
+        "amplitude_doubled": lambda h: _scaled(h, 2.0),
+        "amplitude_halved": lambda h: _said_peak_to_peak(_scaled(h, 0.5)),
+        "amplitude_unit": lambda h: _scaled(h, 1.0 / MIL),
+        "amplitude_unit.mil": lambda h: _scaled(h, MIL),
+        "weight_angles_reversed": lambda h: _installed(h, unbalance * np.array([1.0, -1.0])),
+    }
+    for name in seen:
+        sign = np.where(np.array(m.probes) == name, -1.0, 1.0)[:, None]
+        found[f"probe_reversed.{name}"] = lambda h, sign=sign: _vectors(h, lambda v: sign * v)
+    if len(seen) == 2:
+        found["probes_exchanged"] = lambda h: _vectors(h, lambda v: v[:, ::-1])
+        found["rotation_reversed"] = _mirrored
+    for k, run in enumerate(m.runs):
+        there = np.where((m.run == k)[:, None, None], -1.0, 1.0)
+        found[f"trial_weight_opposite.{run}"] = lambda h, there=there: _installed(h, unbalance * there)
+        for other in range(k + 1, len(m.runs)):
+            of = m.run.copy()
+            of[m.run == k], of[m.run == other] = other, k
+            declared = unbalance[np.array(first)[of]]
+            found[f"runs_exchanged.{run}.{m.runs[other]}"] = lambda h, declared=declared: _installed(h, declared)
+    if hidden.weight:
+        found["weight_direction"] = lambda h: _weighing(h, [0.0, -DOWN[1]])
+    elif 0.0 in m.orders:
+        found["weight_absent"] = lambda h: _weighing(h, list(DOWN))
+    return found
+
+
+def _vectors(hidden: Hidden, change: Callable[[np.ndarray], np.ndarray]) -> Hidden:
+    m = hidden.measurement
+    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=change(m.vectors)))
+
+
+def _scaled(hidden: Hidden, factor: float) -> Hidden:
+    m = hidden.measurement
+    sigma = None if m.sigma is None else m.sigma * factor
+    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=factor * m.vectors, sigma=sigma))
+
+
+def _said_peak_to_peak(hidden: Hidden) -> Hidden:
+    m = hidden.measurement
+    knowledge = dataclasses.replace(m.knowledge, peak_to_peak=True)
+    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, knowledge=knowledge))
+
+
+def _installed(hidden: Hidden, unbalance: np.ndarray) -> Hidden:
+    m = hidden.measurement
+    conditions = Conditions.at(np.asarray(m.conditions.speed), unbalance=unbalance)
+    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, conditions=conditions))
+
+
+def _mirrored(hidden: Hidden) -> Hidden:
+    """What a shaft does that turns the other way than the rig file says: probe Y looks from the other side, and weight
+    acts from there.
+    """
+    probes = dataclasses.replace(hidden.model.probes, angle=jnp.asarray(-np.asarray(hidden.model.probes.angle)))
+    mirrored = dataclasses.replace(hidden, model=dataclasses.replace(hidden.model, probes=probes))
+    return _weighing(mirrored, [0.0, -DOWN[1]]) if hidden.weight else mirrored
+
+
+def _weighing(hidden: Hidden, gravity: list[float]) -> Hidden:
+    model = eqx.tree_at(lambda m: m.rotor.gravity, hidden.model, jnp.asarray(gravity))
+    return dataclasses.replace(hidden, model=model)
