@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
             "explain", commands.explain, "which effect is missing, how sure, what ties with it, what to measure next"
         )
     )
-    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with standard errors"))
+    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
     sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
     sub.add_argument("name", nargs="?", metavar="NAME", help="an effect of the catalogue; all of them by default")

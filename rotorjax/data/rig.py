@@ -15,6 +15,8 @@ from rotorjax.data.measurement import Installed, Knowledge, Measurement, Row, ar
 from rotorjax.data.plausibility import doubts
 from rotorjax.data.rig_edits import put_right
 from rotorjax.data.rig_sections import (
+    TURNS,
+    WEIGHT,
     Convention,
     Plane,
     effects_of,
@@ -38,10 +40,6 @@ from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.model.rotor import Jeffcott
 
-ROTATION_CURE = (
-    "cw and ccw depend on the end that one looks from: with +x to the right and +y up, counterclockwise (ccw) is "
-    "'x-to-y', clockwise (cw) 'y-to-x'"
-)
 _SECTIONS = (
     "rotor",
     "probes",
@@ -179,14 +177,16 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     document = Document(Path(path))
     for name in document.data:
         if name not in _SECTIONS:
-            document.report((name,), f"unknown section; {nearest(name, _SECTIONS)}")
+            installed = any(word in name for word in ("trial", "weight"))
+            cure = f"what is installed in a run stands under [runs.NAME]: {WEIGHT}" if installed else ""
+            document.report((name,), f"unknown section; {cure or nearest(name, _SECTIONS)}")
     convention_section = document.section("convention")
     convention = Convention(
         convention_section.choice("amplitude", ("peak", "peak-to-peak")),  # type: ignore[arg-type]
         convention_section.choice("phase", ("lead", "lag")),  # type: ignore[arg-type]
         convention_section.choice("weight_angles", ("with-rotation", "against-rotation")),  # type: ignore[arg-type]
     )
-    rotation = convention_section.choice("rotation", ("x-to-y", "y-to-x"), cure=ROTATION_CURE)
+    rotation = convention_section.choice("rotation", ("x-to-y", "y-to-x"), TURNS)
     slow_roll = slow_roll_of(convention_section)
     convention_section.close()
     planes = planes_of(document)

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import Installed, Limits, Row, Uncertain
-from rotorjax.data.section import Document, Section, nearest
+from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
@@ -18,6 +18,14 @@ from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
 _ORDER = re.compile(r"[0-9]{1,4}(\.[0-9]{1,6})?X")
 MOST_HOLES = 720
 """For correction masses, every half degree."""
+TURNS = (
+    "write 'x-to-y' where the shaft turns from +x towards +y: with +x to the right and +y up, counterclockwise (ccw) "
+    "is 'x-to-y', clockwise (cw) 'y-to-x'"
+)
+"""Which sense of rotation to write when."""
+WEIGHT = "unbalance = { magnitude_g_mm = 30.0, angle_deg = 0.0 }"
+WEIGHT_CURE = f"a weight is given as mass times radius, 1 g at 30 mm so: {WEIGHT}"
+_WEIGHT_WORDS = ("weight", "mass", "radius", "trial")
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
 
 
@@ -131,6 +139,7 @@ def planes_of(document: Document) -> dict[str, Plane]:
         planes[name] = Plane(
             table.number("participation", 1.0), radius, _holes(table), table.number("first_hole_deg", 0.0)
         )
+        table.asked |= {"radius_mm", "holes"}
         table.close()
     return planes or {"disk": Plane()}
 
@@ -159,6 +168,9 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
         unbalance = np.zeros((len(planes), 2))
         entries = table.raw("unbalance", [])
         for entry in entries if isinstance(entries, list) else [entries]:
+            if not isinstance(entry, dict):
+                table.problem("unbalance", f"must be a table, not {shown(entry)}; {WEIGHT_CURE}")
+                continue
             weight = Section(document, (*table.path, "unbalance"), entry)
             plane = weight.raw("plane", next(iter(planes)))
             if "plane" not in weight and len(planes) > 1:
@@ -166,20 +178,29 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
             elif not isinstance(plane, str) or plane not in planes:
                 weight.problem("plane", f"unknown plane {plane!r}; {nearest(str(plane), planes)}")
                 plane = next(iter(planes))
-            pair = convention.vector(
-                weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE, weight.number("angle_deg", 0.0)
-            )
-            unbalance[list(planes).index(plane)] += pair
-            weight.close()
+            unbalance[list(planes).index(plane)] += convention.vector(_size(weight), weight.number("angle_deg", 0.0))
+            weight.close(WEIGHT_CURE, _WEIGHT_WORDS)
         bow = np.zeros(2)
         if "bow" in table:
             bent = table.table("bow")
             bow = convention.vector(bent.number("magnitude_mm", least=0.0) * 1e-3, bent.number("angle_deg", 0.0))
             bent.close()
-        table.raw("note")
-        table.close()
+        table.asked |= {"bow", "note"}
+        table.close(WEIGHT_CURE, _WEIGHT_WORDS)
         runs[name] = Installed(unbalance, bow)
     return runs
+
+
+def _size(weight: Section) -> float:
+    """Of an installed unbalance [kg m]; a mass and a radius in its place are told as their product."""
+    mass, radius = (weight.data.get(key) for key in ("mass_g", "radius_mm"))
+    if "magnitude_g_mm" not in weight and isinstance(mass, int | float) and isinstance(radius, int | float):
+        weight.problem(
+            "magnitude_g_mm", f"is missing; write magnitude_g_mm = {mass * radius:g} in place of mass_g and radius_mm"
+        )
+        weight.asked |= {"mass_g", "radius_mm"}
+        return math.nan
+    return weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE
 
 
 def form_of(document: Document) -> tuple[float, Literal["auto", "none"]]:

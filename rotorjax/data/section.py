@@ -33,7 +33,7 @@ def close_to(name: str, known: Iterable[str], likeness: float) -> list[str]:
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` or the list of what is known: the end of a message about an unknown name."""
     names = sorted(known)
-    near = close_to(name, names, 0.5) or [known for known in names if name and name in known][:1]
+    near = close_to(name, names, 0.5) or [one for one in names if name and (name in one or one in name)][:1]
     if near:
         return f"did you mean {near[0]!r}?"
     return f"known here: {', '.join(names)}" if names else "remove it"
@@ -170,7 +170,8 @@ class Section:
     def checked(self, key: str, value: Any, *, above: float = -math.inf, least: float = -math.inf) -> float:
         """The same check for a value found elsewhere."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.problem(key, f"must be a number, not {shown(value)}")
+            bare = "; write it without quotes and without unit" if isinstance(value, str) else ""
+            self.problem(key, f"must be a number, not {shown(value)}{bare}")
         elif isinstance(value, float) and not math.isfinite(value):
             self.problem(key, f"must be finite, not {value}")
         elif abs(value) > LARGEST:
@@ -200,12 +201,17 @@ class Section:
         table.close()
         return both
 
-    def choice(self, key: str, options: tuple[str, ...], *, cure: str = "") -> str:
-        """One of a few words; the first is the default. **Arguments:** ``cure``: what to do, for another word."""
+    def choice(self, key: str, options: tuple[str, ...], cure: str = "") -> str:
+        """One of a few words; the first is the default. **Arguments:** ``cure``: which to write when, for those who
+        wrote something else.
+        """
         value = self.raw(key, options[0])
         if value not in options:
-            how = f"; {cure}" if cure else ""
-            self.problem(key, f"{shown(value)} is not one of {', '.join(map(repr, options))}{how}")
+            near = close_to(value, options, 0.5) if isinstance(value, str) else []
+            end = cure or "".join(f"did you mean {name!r}?" for name in near)
+            self.problem(
+                key, f"{shown(value)} is not one of {', '.join(map(repr, options))}{f'; {end}' if end else ''}"
+            )
             return options[0]
         return value
 
@@ -224,8 +230,11 @@ class Section:
         """Every entry as a table of its own."""
         return [(key, self.table(key)) for key in self.data]
 
-    def close(self) -> None:
-        """Report the keys that nobody asked for."""
+    def close(self, cure: str = "", words: tuple[str, ...] = ()) -> None:
+        """Report the keys that nobody asked for. **Arguments:** ``cure``: what to write instead of keys that hold one
+        of these ``words``.
+        """
         for key in self.data:
             if key not in self.asked:
-                self.problem(key, f"unknown key; {nearest(key, self.asked)}")
+                meant = cure and any(word in key for word in words)
+                self.problem(key, f"unknown key; {cure if meant else nearest(key, self.asked)}")

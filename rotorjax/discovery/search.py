@@ -45,7 +45,7 @@ class Telling:
 
     def __init__(self, progress: Progress, limit: int) -> None:
         self.budget = Budget(limit, watch=self._grown)
-        self._progress, self._line, self._told = progress, "", 0
+        self._progress, self._limit, self._line, self._told = progress, limit, "", 0
 
     def stage(self, line: str) -> None:
         """Begin a stage."""
@@ -58,7 +58,7 @@ class Telling:
 
     def _tell(self, spent: int) -> None:
         self._told = spent
-        self._progress(f"{self._line} ({spent:,} of {self.budget.limit:,} linearisations)")
+        self._progress(f"{self._line} ({spent:,} of {self._limit:,} linearisations)")
 
 
 class Ranked(NamedTuple):

@@ -124,12 +124,12 @@ class Budget:
         return self.limit is not None and self.spent >= self.limit
 
     @property
-    def left(self) -> float:
+    def left(self) -> float | int:
         """How many may still be."""
         return math.inf if self.limit is None else max(0, self.limit - self.spent)
 
     @contextlib.contextmanager
-    def share(self, most: float) -> Iterator[None]:
+    def share(self, most: float | int) -> Iterator[None]:
         """While it is open, no more than ``most`` of what is left."""
         limit = self.limit
         if most < self.left:

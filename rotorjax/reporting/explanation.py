@@ -2,7 +2,6 @@
 
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
-from rotorjax.diagnosis.balancing import Correction
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
@@ -18,7 +17,7 @@ from rotorjax.reporting.answer import (
     told,
     would_be_next,
 )
-from rotorjax.reporting.balance import balance_lines, corrections, predicted_table
+from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, predicted_table
 from rotorjax.reporting.comparison import (
     CHI2,
     findings,
@@ -47,13 +46,13 @@ MOST_CONTAINS = 3
 def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     """What would balance the rotor, where an unbalance was found."""
     open_names = {name for group in found.ties.groups() for names in group for name in names}
-    doubt = "If it is an unbalance indeed: " if "residual_unbalance" in open_names else ""
-    return [doubt + line for line in balance_lines(corrections_of(found, rig))]
+    doubt = ", if it is an unbalance indeed" if "residual_unbalance" in open_names else ""
+    return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
 
 
-def corrections_of(found: Explanation, rig: Rig | None) -> tuple[Correction, ...]:
-    """What corrects the unbalance found, plane by plane; none without a rig."""
-    return () if rig is None else corrections(found.story.fits[-1], rig, found.story.measurement)
+def balance_of(found: Explanation, rig: Rig | None) -> Balance:
+    """What corrects the unbalance found, plane by plane; nothing without a rig."""
+    return Balance() if rig is None else balance_of_fit(found.story.fits[-1], rig, found.story.measurement)
 
 
 def ties_table(found: Explanation) -> Table | None:
@@ -253,7 +252,8 @@ def explanation_page(
     model = found.model.with_orders(story.measurement.orders)
     told_above, drawn = next_lines(found), Picture.every(pictures)
     rest = [line for line in notes(found) if line not in told_above]
-    tables += [predicted_table(model, one, story.measurement.speed_cluster()[1]) for one in corrections_of(found, rig)]
+    speeds = story.measurement.speed_cluster()[1]
+    tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]
     return Page(
         title, top, measurement_line(story.measurement), rest, tables, drawn, where, cost_line(found), convention.phase
     )

@@ -13,7 +13,7 @@ from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
 from rotorjax.reporting.comparison import slip_json, step_json, view_json
 from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
-from rotorjax.reporting.explanation import corrections_of, notes
+from rotorjax.reporting.explanation import balance_of, notes
 from rotorjax.units import MICROMETRE
 
 
@@ -64,7 +64,8 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
         "p_value": None if found.p_value is None else found.p_value.value,
         "p_value_draws": None if found.p_value is None else found.p_value.draws,
-        "balance": balance_json(corrections_of(found, rig)),
+        "balance": balance_json(balance_of(found, rig)),
+        "no_correction": balance_of(found, rig).why_none or None,
         "critical_speeds": critical_speeds_json(story),
         "stability": stability_json(story),
         "missing_force": _missing_force_json(found.named_force),

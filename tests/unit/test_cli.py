@@ -140,6 +140,44 @@ def test_diagnose(example, told, capsys):
     assert found["balance"]["disk"]["unbalance_g_mm"] == pytest.approx(9.0, abs=0.2)
     assert found["balance"]["disk"]["correction_angle_deg"] == pytest.approx(230.0, abs=1.5)
     assert "To balance: " in said
+    assert found["no_correction"] is None
+    # The weight is installed in trial-b; in the baseline nothing is left beyond what the rig file holds.
+    assert trial["unbalance_g_mm"]["differs_from_zero"]
+    assert not found["inherent"]["unbalance_g_mm"]["differs_from_zero"]
+    assert found["inherent"]["unbalance_g_mm"]["below"] < 0.5
+    assert re.search(r"baseline +below 0\.\d+ +- +below 0\.\d+ +- ", said)
+    assert "inherent: " in said
+
+
+def test_diagnose_makes_no_correction_of_what_is_not_there(example, told, capsys):
+    """A damping that cannot be and no noise to judge it by: the interval is larger than the value."""
+    rig, bare = (example / "rig.toml").read_text(), example / "bare.csv"
+    heavy = example / "heavy.toml"
+    heavy.write_text(rig.replace("damping_ratio = { x = 0.02, y = 0.02 }", "damping_ratio = 2.0"))
+    bare.write_text(
+        "".join(line.rsplit(",", 1)[0] + "\n" for line in (example / "measurement.csv").read_text().splitlines())
+    )
+    assert run("diagnose", bare, "--rig", heavy, "--json", example / "h.json") == 0
+    said, found = capsys.readouterr().out, json.loads((example / "h.json").read_text())
+    assert found["balance"] == {}
+    assert "not different from zero" in found["no_correction"]
+    assert found["no_correction"] in said
+    assert "To balance" not in said
+    assert "G " not in said
+    # Influence coefficients need neither the rotor nor its damping.
+    without_rotor = found["influence_coefficients"]["planes"]["disk"]
+    assert without_rotor["unbalance_g_mm"] == pytest.approx(9.0, abs=0.1)
+    assert without_rotor["correction_angle_deg"] == pytest.approx(230.0, abs=0.5)
+    assert "without the rotor model: correction 9.0" in said
+    assert found["runs"]["baseline"]["model_holds"] is None
+    assert run("diagnose", bare, "--rig", example / "fitted.toml") == 0
+    assert "To balance, if the model holds (which cannot be checked): " in capsys.readouterr().out
+    assert run("diagnose", example / "measurement.csv", "--rig", heavy, "--json", example / "h.json") == 0
+    said, found = capsys.readouterr().out, json.loads((example / "h.json").read_text())
+    assert found["balance"] == {}
+    assert found["runs"]["baseline"]["model_holds"] is False
+    assert said.count("model fails") == 3
+    assert "To balance" not in said
 
 
 def test_simulate_like_and_compare(example, capsys):

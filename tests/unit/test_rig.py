@@ -256,3 +256,29 @@ def test_writing_to_a_missing_folder_is_refused(tmp_path):
     rig = rig_of(tmp_path, RIG)
     with pytest.raises(InputError, match="cannot be written"):
         rig.write(tmp_path / "nowhere" / "new.toml", rig.model)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cure"),
+    [
+        ("magnitude_g_mm = 30.0", "mass_g = 1.5, radius_mm = 30.0", "write magnitude_g_mm = 45 in place of mass_g"),
+        (
+            "{ magnitude_g_mm = 30.0, angle_deg = 0.0 }",
+            "30.0",
+            "unbalance = { magnitude_g_mm = 30.0, angle_deg = 0.0 }",
+        ),
+        ("unbalance = {", "trial_weight_g = 1.0\nunbalance = {", "mass times radius"),
+        ("magnitude_g_mm = 30.0", 'magnitude_g_mm = "30 g mm"', "without quotes and without unit"),
+        ("[runs.baseline]", "[trial_weights.a]\n[runs.baseline]", "stands under [runs.NAME]"),
+        (
+            "[runs.baseline]",
+            '[convention]\nrotation = "ccw"\n[runs.baseline]',
+            "'x-to-y' where the shaft turns from +x",
+        ),
+        ("[runs.baseline]", '[convention]\nphase = "lagging"\n[runs.baseline]', "did you mean 'lag'"),
+        ("[runs.baseline]", "[planes.disk]\nnumber_of_holes = 16\n[runs.baseline]", "did you mean 'holes'"),
+    ],
+)
+def test_what_the_field_writes_is_refused_with_the_cure(tmp_path, old, new, cure):
+    assert old in RIG
+    assert cure in problems(tmp_path, RIG.replace(old, new))

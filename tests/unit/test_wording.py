@@ -181,8 +181,7 @@ def test_a_long_stage_is_told_while_it_goes_on():
     lines: list[str] = []
     telling = Telling(lines.append, 100_000)
     telling.stage("looking")
-    part = telling.budget.part(50_000)
-    for _ in range(3):
-        part.spend(RETOLD // 2)
-    telling.budget.spend(part.spent)
+    with telling.budget.share(50_000):
+        for _ in range(3):
+            telling.budget.spend(RETOLD // 2)
     assert lines == [f"looking ({spent:,} of 100,000 linearisations)" for spent in (0, RETOLD)]
