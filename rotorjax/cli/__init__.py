@@ -90,8 +90,11 @@ def _explain(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
     sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
-    slips = "also race mistakes in what rig file and table state: rotation, signs, units, exchanged probes or runs, ..."
-    sub.add_argument("--slips", action="store_true", help=slips)
+    slips = (
+        "race mistakes in what rig file and table state too (rotation, signs, units, exchanged probes or runs, ...): "
+        "always, or never; by default where nothing else explains the data"
+    )
+    sub.add_argument("--slips", action=argparse.BooleanOptionalAction, help=slips)
     _outputs(sub, "write the explained model as a rig file")
 
 

@@ -78,7 +78,7 @@ def explain(options: argparse.Namespace) -> None:
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
     only, exclude = (
-        effect_names(flag, text, slips=options.slips)
+        effect_names(flag, text, slips=options.slips is not False)
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:

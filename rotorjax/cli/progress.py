@@ -42,8 +42,11 @@ def progress_line() -> Iterator[Callable[[str], None]]:
         )
 
     def progress(line: str) -> None:
+        # What goes on is told in place; elsewhere it waits until there has been nothing for a while.
+        new = line.partition(" (")[0] != stage[0].partition(" (")[0]
         stage[0] = line
-        show(line)
+        if terminal or new:
+            show(line)
 
     def tick() -> None:
         while not over.wait(TICK_S):

@@ -92,7 +92,7 @@ def _undecided(found: Explanation) -> str:
 def _unexplained(found: Explanation) -> str:
     if found.contest.measurement.rms == 0.0:
         return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
-    books = "" if found.tried_slips else f" {WRONG_BOOKS}"
+    books = "" if found.written.tried else f" {WRONG_BOOKS}"
     return f"Unexplained: {_unexplained_why(found)}{books}"
 
 
