@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data
-from rotorjax.inference.linearised import Budget, Linearisation, Linearised, Point
+from rotorjax.inference.linearised import Linearisation, Linearised, Point
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, THOROUGH, Manner
 from rotorjax.inference.motions import BALANCED, balanced, first_motions
 from rotorjax.inference.normal import Normal, Task
