@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from drawn_slips import draw_with_mistake
 
 from rotorjax import explain
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.ties import Alternative
 from rotorjax.reporting.tables import number
 

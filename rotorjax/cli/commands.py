@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rotorjax.data.declarations import Slip
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.rig import Rig
-    from rotorjax.discovery.explain import Explanation
+    from rotorjax.discovery.explanation import Explanation
     from rotorjax.discovery.story import Story
     from rotorjax.model.model import Model
 

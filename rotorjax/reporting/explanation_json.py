@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from rotorjax.data.rig import Rig
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.rivals import TIE
