@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import rotorjax
 from rotorjax import Measurement, Model, RestoringEffect, effects
 from rotorjax.data.files import write_whole
-from rotorjax.discovery.race import Contest, Effects, make_contest
+from rotorjax.discovery.contest import Contest, Effects, make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.budget import Budget

@@ -12,13 +12,13 @@ from rotorjax.data.declarations import KINDS, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
+from rotorjax.discovery.contest import Contest, check_catalog, make_contest, misfit_left
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
-from rotorjax.discovery.race import Contest, check_catalog, make_contest, misfit_left
 from rotorjax.discovery.search import (
     DETECTED,
     Progress,

@@ -9,9 +9,9 @@ import numpy as np
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.declarations import Slip
 from rotorjax.discovery.bootstrap import PValue
+from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
-from rotorjax.discovery.race import Contest
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story

@@ -8,17 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
-from rotorjax.discovery.race import (
-    WORTH_TRYING,
-    Contender,
-    Contest,
-    Effects,
-    Known,
-    Race,
-    misfit_left,
-    settle,
-    with_floor,
-)
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left, with_floor
+from rotorjax.discovery.race import WORTH_TRYING, Race, settle
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Measurement, Model, effects
-from rotorjax.discovery.race import make_contest
+from rotorjax.discovery.contest import make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.budget import Budget

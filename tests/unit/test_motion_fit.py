@@ -13,7 +13,8 @@ from rotorjax import Conditions, Jeffcott, Model, effects, response
 from rotorjax.arrays import real_pair
 from rotorjax.data.measurement import Knowledge
 from rotorjax.discovery import bootstrap
-from rotorjax.discovery.race import _starts, make_contest, race, settle
+from rotorjax.discovery.contest import make_contest
+from rotorjax.discovery.race import _starts, race, settle
 from rotorjax.effects import CATALOG
 from rotorjax.inference import descent, linearised
 from rotorjax.inference.budget import Budget
