@@ -12,8 +12,9 @@ from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
 from rotorjax.diagnosis.inverse import ENTANGLED, Diagnosis, RunDiagnosis
-from rotorjax.discovery.fit import NORMAL_QUANTILE, Fit
+from rotorjax.discovery.fit import Fit
 from rotorjax.effects.excitation import ResidualUnbalance
+from rotorjax.inference.estimates import NORMAL_QUANTILE
 from rotorjax.model.model import Model
 from rotorjax.reporting.intervals import decimals_of, told, told_angle
 from rotorjax.reporting.tables import Table, number

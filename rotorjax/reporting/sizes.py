@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.data.rig_sections import Convention
-from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
+from rotorjax.discovery.fit import Fit
+from rotorjax.inference.estimates import NORMAL_QUANTILE, Estimate
 from rotorjax.reporting.tables import number
 from rotorjax.reporting.wording import plain_name, with_error
 from rotorjax.units import DEGREE
