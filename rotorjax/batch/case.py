@@ -32,6 +32,11 @@ class Outcome(NamedTuple):
     seconds: float
     """That the case took in its worker."""
 
+    @property
+    def failed(self) -> bool:
+        """Whether there is no row, or the row says why there is nothing else in it, under ``failure``."""
+        return self.row is None or bool(json.loads(self.row).get("failure"))
+
 
 class Executor(Protocol):
     """Where cases are done."""

@@ -18,12 +18,15 @@ from rotorjax.batch.case import Case, Function, Outcome, attempt
 
 TRIALS = 2
 """Times that a case is begun whose worker dies: once more tells a case that kills from one that was in the way."""
-ONE_THREAD = {
-    name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")
-}
+ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NPROC")}
 """Environment of a worker: NumPy's and SciPy's linear algebra, and XLA (``NPROC``), each with one thread."""
 _QUIET = "ignore:resource_tracker"
 """A run that is stopped leaves semaphores to Python's tracker, which frees them; its warning says nothing to users."""
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _UnderWay(NamedTuple):

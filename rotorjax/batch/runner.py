@@ -18,7 +18,7 @@ class Progress(NamedTuple):
     done: int
     """Of them finished since."""
     failed: int
-    """Of those without a row."""
+    """Of those that failed."""
     left_s: float | None
     """Estimate of the time left: cases left times mean time of a case, by workers [s]; none before the first."""
 
@@ -46,7 +46,7 @@ def run(
         at_once = max(1, min(executor.workers, len(left)))
         # What is between the cases counts once every worker has had some.
         each = max(taken / done / at_once, (time.monotonic() - began) / done if done > 2 * at_once else 0.0)
-        failed = progress.failed + (outcome.row is None)
+        failed = progress.failed + outcome.failed
         progress = progress._replace(done=done, failed=failed, left_s=(len(left) - done) * each)
         told(progress)
     return progress

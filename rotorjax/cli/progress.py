@@ -17,11 +17,12 @@ TICK_S = 1.0
 
 
 @contextlib.contextmanager
-def progress_line() -> Iterator[Callable[[str], None]]:
+def progress_line(kept: str = "") -> Iterator[Callable[[str], None]]:
     """Says on standard error what is being done and for how long: on a terminal in place, gone at the end, elsewhere a
     line for every stage.
 
-    While it lasts Ctrl-C ends the process at once, in the midst of a compilation too.
+    While it lasts Ctrl-C ends the process at once, in the midst of a compilation too. **Arguments:** ``kept``: what is
+    said of it then, such as where the results so far are.
     """
     began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
 
@@ -48,7 +49,7 @@ def progress_line() -> Iterator[Callable[[str], None]]:
     if terminal:
         threading.Thread(target=tick, daemon=True).start()
     try:
-        with _interruptible():
+        with _interruptible(kept):
             yield progress
     finally:
         over.set()
@@ -57,9 +58,9 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
 
 @contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile, so that
-    nothing is lost.
+def _interruptible(kept: str) -> Iterator[None]:
+    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile but rows
+    of a database, whole or not at all, so that nothing is lost.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -71,7 +72,7 @@ def _interruptible() -> Iterator[None]:
     def wait() -> None:
         while number := woken.recv(1):
             if number[0] == signal.SIGINT:
-                print("\nrotorjax: stopped", file=sys.stderr, flush=True)
+                print(f"\nrotorjax: stopped{'; ' if kept else ''}{harmless(kept)}", file=sys.stderr, flush=True)
                 os._exit(INTERRUPTED)
 
     waiting = threading.Thread(target=wait, daemon=True)

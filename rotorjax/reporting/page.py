@@ -1,8 +1,9 @@
 """The HTML report: one file that needs no network and no script."""
 
 import base64
+from collections.abc import Mapping
 from importlib.resources import files
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jinja2
 
@@ -60,7 +61,12 @@ class Page(NamedTuple):
 
 
 def html_report(page: Page) -> str:
-    """A report as one HTML file that needs no network. All text is escaped, control characters are written out."""
+    """A report as one HTML file that needs no network."""
+    return rendered("report.html", page._asdict())
+
+
+def rendered(template: str, content: Mapping[str, Any]) -> str:
+    """A page from one of the templates. All text is escaped, control characters are written out."""
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -69,7 +75,5 @@ def html_report(page: Page) -> str:
         finalize=lambda value: harmless(value) if type(value) is str else value,
     )
     environment.tests["numeric"] = is_number
-    template = environment.from_string(
-        files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8")
-    )
-    return template.render(page._asdict())
+    source = files("rotorjax").joinpath(f"reporting/templates/{template}").read_text(encoding="utf-8")
+    return environment.from_string(source).render(content)
