@@ -5,7 +5,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 Function = Callable[[Any], dict[str, Any]]
 """What is done with each case: payload -> flat row. A function of a module, so that another process finds it."""
@@ -38,6 +38,7 @@ class Outcome(NamedTuple):
         return self.row is None or bool(json.loads(self.row).get("failure"))
 
 
+@runtime_checkable
 class Executor(Protocol):
     """Where cases are done."""
 

@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from rotorjax.batch.case import Case, Function, Outcome, attempt
 from rotorjax.errors import InputError
@@ -40,20 +41,47 @@ class Cluster:
             )
 
     def outcomes(self, function: Function, cases: Sequence[Case]) -> Iterator[Outcome]:
-        """What becomes of every case, in the order in which they end. A case whose worker dies is tried on others, as
-        often as the scheduler's ``allowed-failures`` says.
+        """What becomes of every case, in the order in which they end.
+
+        Where a worker dies Dask suspects all cases that it had, running or not, and gives up those that it suspects
+        more often than the scheduler's ``allowed-failures``: these are tried once more at the end, each alone, so that
+        only the case fails that does it.
         """
         from distributed import as_completed  # noqa: PLC0415
+        from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
         with self._client as client:
-            names = {client.submit(attempt, function, case.name, case.payload, pure=False): case.name for case in cases}
-            for future in as_completed(list(names)):
-                name, error = names.pop(future), future.exception()
-                yield future.result() if error is None else Outcome(name, None, _told(error), 0.0)
-                future.release()
+
+            def begun(case: Case) -> Any:
+                return client.submit(attempt, function, case.name, case.payload, pure=False)
+
+            under_way, suspects = {begun(case): case for case in cases}, []
+            for future in as_completed(list(under_way), loop=client.loop):
+                case = under_way.pop(future)
+                if isinstance(_error(future), KilledWorker):
+                    suspects.append(case)
+                else:
+                    yield _outcome(future, case)
+            for case in suspects:
+                yield _outcome(begun(case), case)
 
 
-def _told(error: BaseException) -> str:
+def _error(future: Any) -> BaseException | None:
+    """**Errors.** `InputError` if the scheduler is gone."""
+    from distributed.client import FutureCancelledError  # noqa: PLC0415
+
+    try:
+        return future.exception()
+    except FutureCancelledError as error:
+        raise InputError(
+            "--cluster: the scheduler was lost; what is finished is kept, the same command goes on with the rest"
+        ) from error
+
+
+def _outcome(future: Any, case: Case) -> Outcome:
+    error = _error(future)
+    if error is None:
+        return future.result()
     if type(error).__name__ == "KilledWorker":
-        return "its workers died (killed, or out of memory)"
-    return f"{type(error).__name__}: {error}"
+        return Outcome(case.name, None, "its worker died (killed, or out of memory), alone too", 0.0)
+    return Outcome(case.name, None, f"{type(error).__name__}: {error}", 0.0)
