@@ -1,5 +1,8 @@
 """The same cases on a cluster: Dask distributes them, this process keeps what comes back."""
 
+import asyncio
+import concurrent.futures
+import contextlib
 import importlib.util
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -67,15 +70,14 @@ class Cluster:
 
 
 def _error(future: Any) -> BaseException | None:
-    """**Errors.** `InputError` if the scheduler is gone."""
-    from distributed.client import FutureCancelledError  # noqa: PLC0415
-
-    try:
-        return future.exception()
-    except FutureCancelledError as error:
-        raise InputError(
-            "--cluster: the scheduler was lost; what is finished is kept, the same command goes on with the rest"
-        ) from error
+    """What a future ended with; waits for its end. **Errors.** `InputError` if the scheduler is gone."""
+    with contextlib.suppress(asyncio.CancelledError, concurrent.futures.CancelledError):
+        error = future.exception()
+        if not future.cancelled():
+            return error
+    raise InputError(
+        "--cluster: the scheduler was lost; what is finished is kept, the same command goes on with the rest"
+    )
 
 
 def _outcome(future: Any, case: Case) -> Outcome:
