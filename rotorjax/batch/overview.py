@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from rotorjax.reporting.page import rendered
-from rotorjax.reporting.tables import number
+from rotorjax.reporting.tables import duration, number
 
 FAILED = "failed"
 ORDER = (FAILED, "unexplained", "undecided", "explained", "nothing missing")
@@ -58,7 +58,14 @@ def overview(rows: Sequence[Mapping[str, Any]], *, title: str, folder: Path, pla
     it is not at its end.
     """
     lines = [_line(row, folder) for row in by_attention(rows)]
-    page = {"title": title, "counts": list(counted(rows).items()), "lines": lines, "planned": planned or len(rows)}
+    took = duration(sum(row.get("seconds") or 0.0 for row in rows))
+    page = {
+        "took": took,
+        "title": title,
+        "counts": list(counted(rows).items()),
+        "lines": lines,
+        "planned": planned or len(rows),
+    }
     return rendered("overview.html", page)
 
 

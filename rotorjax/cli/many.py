@@ -38,7 +38,6 @@ def explain_many(options: argparse.Namespace) -> None:
     kept = kept_in(options.output)
     if options.output.exists() and not kept.exists():
         raise InputError(f"--output {options.output}: exists already; choose another file, or remove it")
-    began = time.monotonic()
     what_is_kept = f"what is finished is kept in {kept}: the same command goes on"
     with progress_line(kept=what_is_kept) as show:
         show(f"reading {options.source}")
@@ -55,7 +54,7 @@ def explain_many(options: argparse.Namespace) -> None:
             rows = store.rows()
     write_results(options.output, rows, COLUMNS)
     _overview(options, rows)
-    say(_summary(options, rows, progress, time.monotonic() - began))
+    say(_summary(options, rows, progress))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -157,18 +156,13 @@ def _told(show: Callable[[str], None]) -> "Callable[[Progress], None]":
 
 def progress_text(progress: "Progress") -> str:
     """How far a run is, for people."""
+    from rotorjax.reporting.tables import duration
+
     finished = progress.before + progress.done
     full = BAR * finished // max(progress.total, 1)
     failed = f", {progress.failed} failed" if progress.failed else ""
     left = f", about {duration(progress.left_s)} left" if progress.left_s else ""
     return f"[{'#' * full}{'-' * (BAR - full)}] {finished} of {progress.total}{failed}{left}"
-
-
-def duration(seconds: float) -> str:
-    """A time in the unit in which people would say it."""
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def _overview(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
@@ -179,14 +173,14 @@ def _overview(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
         write_whole(options.html, overview(rows, title=f"{options.source}: explained", folder=options.html.parent))
 
 
-def _summary(options: argparse.Namespace, rows: list[dict[str, Any]], progress: "Progress", seconds: float) -> str:
+def _summary(options: argparse.Namespace, rows: list[dict[str, Any]], progress: "Progress") -> str:
     """What is told at the end: verdicts, the first failures, and where everything is."""
     from rotorjax.batch.overview import by_attention, counted
     from rotorjax.reporting.tables import wrapped
 
     counts = ", ".join(f"{count} {verdict}" for verdict, count in counted(rows).items())
-    before = f" ({progress.before} of them before)" if progress.before else ""
-    lines = [f"{len(rows)} {'case' if len(rows) == 1 else 'cases'}{before} in {duration(seconds)}: {counts}."]
+    before = f" ({progress.before} of them finished before)" if progress.before else ""
+    lines = [f"{len(rows)} {'case' if len(rows) == 1 else 'cases'}{before}: {counts}."]
     failures = [row for row in by_attention(rows) if row["failure"]]
     # A message goes on over several lines where it has something to paste.
     lines += [f"- {row['name']}: {row['failure'].splitlines()[0]}" for row in failures[:MOST_FAILURES]]

@@ -23,8 +23,9 @@ from rotorjax.batch.results import write_results
 from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
 from rotorjax.cli import main
-from rotorjax.cli.many import duration, progress_text, report_paths
+from rotorjax.cli.many import progress_text, report_paths
 from rotorjax.errors import InputError
+from rotorjax.reporting.tables import duration
 
 import batch_cases
 from batch_cases import CONFIGURATION, square, troubled
