@@ -77,7 +77,9 @@ def main() -> None:
     rows = []
     for seed in range(arguments.first, arguments.first + arguments.seeds):
         hidden, mistake = draw_with_mistake(seed) if arguments.slips else (draw(seed), None)
-        found, seconds = timed(lambda hidden=hidden: explain(hidden.model, hidden.measurement, slips=arguments.slips))
+        found, seconds = timed(
+            lambda hidden=hidden: explain(hidden.model, hidden.measurement, slips=arguments.slips or None)
+        )
         story = found.story
         noise = None if hidden.measurement.sigma is None else np.sqrt(2.0) * hidden.measurement.sigma.max()
         before, after = (

@@ -4,8 +4,8 @@ from .data.measurement import Measurement as Measurement
 from .data.rig import Rig as Rig
 from .data.rig import read_measurement as read_measurement
 from .data.rig import read_rig as read_rig
+from .diagnosis.fault import Fault as Fault
 from .diagnosis.inverse import Diagnosis as Diagnosis
-from .diagnosis.inverse import Fault as Fault
 from .diagnosis.inverse import RunDiagnosis as RunDiagnosis
 from .diagnosis.inverse import diagnose as diagnose
 from .discovery.compare import Cell as Cell

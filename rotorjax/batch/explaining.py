@@ -13,19 +13,23 @@ from rotorjax.errors import InputError
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.results import write_report
 from rotorjax.reporting.sizes import sizes
-from rotorjax.reporting.tables import number
+from rotorjax.reporting.wording import plain_name, with_error
 
 TEXT, NUMBER, WHOLE, NAMES = "text", "number", "whole", "names"
 """Kinds of a column: text, number, whole number, list of texts. A list of records is a mapping of its keys to kinds."""
-_BALANCE = {
-    "plane": TEXT,
-    "unbalance_g_mm": NUMBER,
-    "standard_error_g_mm": NUMBER,
-    "correction_angle_deg": NUMBER,
-    "correction_g": NUMBER,
-    "grade_before": NUMBER,
-    "grade_after": NUMBER,
-}
+_BALANCE = dict.fromkeys(
+    (
+        "unbalance_g_mm",
+        "half_interval_g_mm",
+        "correction_angle_deg",
+        "correction_g",
+        "half_interval_g",
+        "grade_before",
+        "grade_after_below",
+    ),
+    NUMBER,
+)
+"""Of a correction, as in ``explain --json``."""
 COLUMNS: dict[str, str | dict[str, str]] = {
     "name": TEXT,
     "data": TEXT,
@@ -49,8 +53,9 @@ COLUMNS: dict[str, str | dict[str, str]] = {
     "next_speed_rpm": NUMBER,
     "next_new_probes": NAMES,
     "next_separates": NAMES,
-    "balance": _BALANCE,
+    "balance": {"plane": TEXT, **_BALANCE},
     "balance_in_words": NAMES,
+    "no_correction": TEXT,
     "linearisations": WHOLE,
     "seconds": NUMBER,
     "notes": NAMES,
@@ -75,7 +80,8 @@ class Task(NamedTuple):
     max_effects: int = 3
     only: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()
-    slips: bool = False
+    slips: bool | None = None
+    """Whether mistakes in rig file and table are raced: always, never, or where nothing else explains the data."""
 
 
 def explain_case(task: Task) -> dict[str, Any]:
@@ -111,7 +117,7 @@ def _explained(task: Task) -> dict[str, Any]:
     if task.report:
         _write_report(task.report, found, rig, f"{task.data.name}: what {task.rig.name} lacks")
     report = None if task.report is None else str(task.report)
-    return {**row_of(found, rig), "notes": table.notes, "report": report}
+    return {**row_of(found, rig), "notes": [*table.notes, *measurement.notes], "report": report}
 
 
 def _write_report(path: Path, found: Explanation, rig: Rig, title: str) -> None:
@@ -128,7 +134,7 @@ def refuse_what_cannot_be_missing(only: Collection[str], rig: Rig, measurement: 
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
     if held := [name for name in only if name in rig.model or name in declared]:
         how = (
-            "declares it uncertain, so that it is estimated along in any case"
+            "declares it uncertain, so that it is fitted in any case"
             if held[0] in declared
             else "has it in [effects] already"
         )
@@ -159,6 +165,7 @@ def row_of(found: Explanation, rig: Rig) -> dict[str, Any]:
         "next_new_probes": further.get("new_probes", []),
         "next_separates": further.get("separates", []),
         **_balance(told["balance"]),
+        "no_correction": told["no_correction"],
         "linearisations": told["cost"]["linearisations"],
     }
 
@@ -191,16 +198,16 @@ def _sizes(found: Explanation, rig: Rig) -> dict[str, Any]:
         }
         for e in own
     ]
-    words = [f"{s.effect}: {s.what} {s.value}" for s in sizes(fitted, found.effects, rig.convention)]
+    words = [f"{plain_name(s.effect)}: {s.what} {s.value}" for s in sizes(fitted, found.effects, rig.convention)]
     return {"sizes": told, "sizes_in_words": words}
 
 
 def _balance(told: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Corrections by plane, in numbers and in words."""
-    rows = [{key: {"plane": plane, **one}[key] for key in _BALANCE} for plane, one in told.items()]
+    rows = [{"plane": plane, **{key: one[key] for key in _BALANCE}} for plane, one in told.items()]
     words = []
     for row in rows:
-        grams = row["correction_g"]
-        amount = f"{number(row['unbalance_g_mm'])} g mm" if grams is None else f"{number(grams)} g"
-        words.append(f"{amount} at {row['correction_angle_deg']:.0f}° in plane {row['plane']}")
+        unit = "g_mm" if row["correction_g"] is None else "g"
+        mass = with_error(row["unbalance_g_mm" if unit == "g_mm" else "correction_g"], row[f"half_interval_{unit}"])
+        words.append(f"{mass} {unit.replace('_', ' ')} at {row['correction_angle_deg']:.0f}° in plane {row['plane']}")
     return {"balance": rows, "balance_in_words": words}

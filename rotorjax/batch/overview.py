@@ -11,8 +11,11 @@ from urllib.parse import quote
 
 from rotorjax.reporting.page import rendered
 from rotorjax.reporting.tables import duration, number
+from rotorjax.reporting.wording import plain_name
 
 FAILED = "failed"
+OR = "or"
+"""Between what ties."""
 ORDER = (FAILED, "unexplained", "undecided", "explained", "nothing missing")
 """Verdicts, what needs attention first."""
 
@@ -80,13 +83,18 @@ def _line(row: Mapping[str, Any], folder: Path) -> Line:
         row["name"],
         _link(row.get("report"), folder),
         row["verdict"],
-        [*wrong, *(row["sizes_in_words"] or row["effects"]), *force],
-        [*row["ties"], *measure],
+        [*wrong, *(row["sizes_in_words"] or map(plain_name, row["effects"])), *force],
+        [*map(_in_words, row["ties"]), *measure],
         number(row["error_before_um"]),
         number(row["error_after_um"]),
         number(row["error_held_out_um"]),
         row["balance_in_words"],
     )
+
+
+def _in_words(tie: str) -> str:
+    """A tie with the field's names of effects."""
+    return f" {OR} ".join(" + ".join(map(plain_name, names.split(" + "))) for names in tie.split(f" {OR} "))
 
 
 def _link(report: str | None, folder: Path) -> str:

@@ -45,7 +45,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
-        prog="rotorjax", description="Hold a rotor model against vibration measurements and find what it lacks."
+        prog="rotorjax", description="Compare a rotor model with vibration measurements and find what it lacks."
     )
     parser.add_argument("--version", action="version", version=f"rotorjax {version('rotorjax')}")
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -66,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
         )
     )
     _explain_many(command("explain-many", explain_many, "explain every table of a folder, on all processors"))
-    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with standard errors"))
+    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
     sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
     sub.add_argument("name", nargs="?", metavar="NAME", help="an effect of the catalogue; all of them by default")
@@ -109,8 +109,11 @@ def _race(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
     sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
-    slips = "also race mistakes in what rig file and table state: rotation, signs, units, exchanged probes or runs, ..."
-    sub.add_argument("--slips", action="store_true", help=slips)
+    slips = (
+        "race mistakes in what rig file and table state too (rotation, signs, units, exchanged probes or runs, ...): "
+        "always, or never; by default where nothing else explains the data"
+    )
+    sub.add_argument("--slips", action=argparse.BooleanOptionalAction, help=slips)
 
 
 def _diagnose(sub: argparse.ArgumentParser) -> None:

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,11 +37,10 @@ def compare(options: argparse.Namespace) -> None:
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
     if already := [effect.name for effect in additions if effect.name in declared]:
         raise InputError(
-            f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; "
-            "leave it out"
+            f"--effect {already[0]}: the rig file declares it uncertain, so that it is fitted in any case; leave it out"
         )
     story = tell(rig.model, measurement, additions, fixed=fixed, slip=slip)
-    say(comparison_text(story, width=terminal_width()))
+    say(comparison_text(story, rig.convention, width=terminal_width()))
     _write_outputs(
         options,
         rig,
@@ -78,7 +78,7 @@ def explain(options: argparse.Namespace) -> None:
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
     only, exclude = (
-        effect_names(flag, text, slips=options.slips)
+        effect_names(flag, text, slips=options.slips is not False)
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:
@@ -142,6 +142,7 @@ def simulate(options: argparse.Namespace) -> None:
     from rotorjax.reporting.tables import wrapped
 
     rig = read_rig(options.rig)
+    _note(rig.notes)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
     if abs(options.seed) > LARGEST_SEED:
@@ -196,7 +197,9 @@ def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
     from rotorjax.data.rig import read_rig
 
     rig = read_rig(options.rig)
-    return rig, _measurement(options.data, rig)
+    measurement = _measurement(options.data, rig)
+    _note(measurement.notes)
+    return rig, measurement
 
 
 def _measurement(path: Path, rig: "Rig") -> "Measurement":
@@ -204,9 +207,14 @@ def _measurement(path: Path, rig: "Rig") -> "Measurement":
     from rotorjax.data.table import read_table
 
     table = read_table(path, probes=rig.model.layout.probes)
-    for note in table.notes:
-        complain(f"note: {note}")
+    _note(table.notes)
     return rig.measurement(table, path)
+
+
+def _note(notes: Iterable[str]) -> None:
+    """What was tolerated, or looks like a mistake, on standard error."""
+    for note in notes:
+        complain(f"note: {note}")
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -4,10 +4,8 @@ import argparse
 import hashlib
 import importlib.metadata
 import re
-import sys
-import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +21,8 @@ if TYPE_CHECKING:
 
 BAR = 24
 """Characters of the progress bar."""
-EVERY_S = 30.0
-"""Between lines of progress where they are not shown in place."""
+QUIET_S = 60.0
+"""Between lines of progress where they are not shown in place and the bar does not grow."""
 MOST_FAILURES = 5
 """Failures that are named at the end."""
 
@@ -39,7 +37,7 @@ def explain_many(options: argparse.Namespace) -> None:
     if options.output.exists() and not kept.exists():
         raise InputError(f"--output {options.output}: exists already; choose another file, or remove it")
     what_is_kept = f"what is finished is kept in {kept}: the same command goes on"
-    with progress_line(kept=what_is_kept) as show:
+    with progress_line(what_is_kept, QUIET_S) as show:
         show(f"reading {options.source}")
         from rotorjax.batch.explaining import COLUMNS, explain_case
         from rotorjax.batch.pairs import pairs
@@ -50,7 +48,9 @@ def explain_many(options: argparse.Namespace) -> None:
         found = pairs(options.source if options.cluster is None else options.source.resolve(), written)
         executor = _executor(options)
         with Store(kept, _configuration(options), list(COLUMNS)) as store:
-            progress = run(explain_case, _cases(options, found), store, executor, _told(show))
+            progress = run(
+                explain_case, _cases(options, found), store, executor, lambda progress: show(progress_text(progress))
+            )
             rows = store.rows()
     write_results(options.output, rows, COLUMNS)
     _overview(options, rows)
@@ -71,7 +71,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.reports is not None and options.reports.exists() and not options.reports.is_dir():
         raise InputError(f"--reports {options.reports}: is a file; name a folder")
     for flag in ("only", "exclude"):
-        setattr(options, flag, effect_names(f"--{flag}", getattr(options, flag), slips=options.slips))
+        setattr(options, flag, effect_names(f"--{flag}", getattr(options, flag), slips=options.slips is not False))
 
 
 def _configuration(options: argparse.Namespace) -> dict[str, Any]:
@@ -141,19 +141,6 @@ def _safe(part: str) -> str:
     return re.sub(r'[<>:"|?*\x00-\x1f\x7f]', "_", part)
 
 
-def _told(show: Callable[[str], None]) -> "Callable[[Progress], None]":
-    """Progress in one line: a bar, counts, and the time left."""
-    last, in_place = [float("-inf")], sys.stderr.isatty()
-
-    def told(progress: "Progress") -> None:
-        over = progress.before + progress.done >= progress.total
-        if in_place or over or time.monotonic() - last[0] >= EVERY_S:
-            last[0] = time.monotonic()
-            show(progress_text(progress))
-
-    return told
-
-
 def progress_text(progress: "Progress") -> str:
     """How far a run is, for people."""
     from rotorjax.reporting.tables import duration
@@ -162,7 +149,7 @@ def progress_text(progress: "Progress") -> str:
     full = BAR * finished // max(progress.total, 1)
     failed = f", {progress.failed} failed" if progress.failed else ""
     left = f", about {duration(progress.left_s)} left" if progress.left_s else ""
-    return f"[{'#' * full}{'-' * (BAR - full)}] {finished} of {progress.total}{failed}{left}"
+    return f"explaining [{'#' * full}{'-' * (BAR - full)}] ({finished} of {progress.total}{failed}{left})"
 
 
 def _overview(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:

@@ -25,6 +25,7 @@ from rotorjax.discovery.search import (
     Progress,
     Ranked,
     Selection,
+    Telling,
     change_by,
     noise_size,
     none_left,
@@ -32,13 +33,12 @@ from rotorjax.discovery.search import (
     retold,
     select,
 )
-from rotorjax.discovery.slips import Alternative, race_of_slips
+from rotorjax.discovery.slips import LARGE, Alternative, race_of_slips
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
@@ -49,9 +49,6 @@ from rotorjax.units import MICROMETRE
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
-LARGE = 0.1
-"""Share of the measured size above which a residual of unknown noise is not put down to noise."""
-
 MOST_LEADERS = 3
 """Ties, one after the other, that turn out more probable than the answer and take its place."""
 
@@ -206,7 +203,7 @@ def explain(  # noqa: PLR0913
     max_effects: int = 3,
     only: Iterable[str] | None = None,
     exclude: Iterable[str] = (),
-    slips: bool = False,
+    slips: bool | None = None,
     catalog: Mapping[str, type[Effect]] = CATALOG,
     thorough: bool = True,
     limit: int = LINEARISATIONS,
@@ -218,19 +215,21 @@ def explain(  # noqa: PLR0913
     (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added while "none" has a probability below 5 %.
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
-    those in ``exclude``; ``slips``: with changes of what rig file and table state in the race
-    (`rotorjax.data.declarations`), which may be named in ``only`` and ``exclude`` too; ``catalog``: effects by name,
-    ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which count for
-    the verdict, and the missing force, looked at where nothing explains and compared with what was found elsewhere;
-    ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or "unexplained",
-    with what was not tried; ``progress``: called with a line of text at every stage.
+    those in ``exclude``; ``slips``: whether changes of what rig file and table state are in the race
+    (`rotorjax.data.declarations`), always, never, or (None) where what is stated leads to no answer that holds, or to
+    an effect of the measuring chain, which looks alike; ``only`` and ``exclude`` may name them; ``catalog``: effects
+    by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
+    count for the verdict, and the missing force, looked at where nothing explains and compared with what was found
+    elsewhere; ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or
+    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage, and while it goes
+    on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
     check_catalog(catalog, full.rotor)
-    chosen = (*catalog, *(KINDS if slips else ())) if only is None else tuple(only)
+    chosen = (*catalog, *(() if slips is False else KINDS)) if only is None else tuple(only)
     if unknown := [name for name in (*chosen, *exclude) if name not in catalog and name not in KINDS]:
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join((*catalog, *KINDS))}")
     if full.layout.probes != measurement.probes:
@@ -240,20 +239,17 @@ def explain(  # noqa: PLR0913
         )
     # Where nothing was measured, a gain of zero would explain it all.
     allowed = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
-    candidates, kinds = [name for name in allowed if name in catalog], [name for name in allowed if name in KINDS]
+    candidates, kinds = ([name for name in allowed if name in known] for known in (catalog, KINDS))
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    contest = make_contest(full, kept, candidates, catalog, Budget(limit))
-    declared = _declared(contest)
-    require_steady(declared, kept)
+    telling = Telling(progress, limit)
+    contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
+    require_steady(declared := _declared(contest), kept)
 
-    def told(line: str) -> None:
-        progress(f"{line} ({contest.budget.spent:,} of {limit:,} linearisations)")
-
-    written = race_of_slips(contest, kinds, max_effects, told)
+    written = race_of_slips(contest, kinds, max_effects, told, always=slips is True)
     stated = compare_vectors(declared, contest.measurement, full)
-    full, selection = _as_done(full, written.best, candidates, catalog, told)
-    return _answer(full, stated, written, selection, undriven, catalog, thorough, told)
+    right, selection = _as_done(full, written.best, candidates, catalog, told)
+    return _answer(right, stated, written, selection, undriven, catalog, thorough, told)
 
 
 def _as_done(

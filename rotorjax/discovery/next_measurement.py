@@ -90,7 +90,7 @@ def _apart(
     """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave
     open.
     """
-    # Half orders have no sign that a reading could be held against.
+    # Half orders have no sign that a reading could be compared with.
     cells = np.repeat(
         [
             probe in probes and not is_half_order(n)

@@ -19,6 +19,7 @@ from rotorjax.discovery.race import (
     settle,
     with_floor,
 )
+from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 
@@ -34,7 +35,30 @@ MOST_SMALL = 3
 """Effects that are detected without mattering, at most."""
 NOTHING: Effects = frozenset()
 
+RETOLD = 10_000
+"""Linearisations after which a stage that goes on is told again: some seconds."""
 Progress = Callable[[str], None]
+
+
+class Telling:
+    """Says what is being done, and how much of the limit is spent, at every stage and while it goes on."""
+
+    def __init__(self, progress: Progress, limit: int) -> None:
+        self.budget = Budget(limit, watch=self._grown)
+        self._progress, self._limit, self._line, self._told = progress, limit, "", 0
+
+    def stage(self, line: str) -> None:
+        """Begin a stage."""
+        self._line = line
+        self._tell(self.budget.spent)
+
+    def _grown(self, spent: int) -> None:
+        if self._line and spent - self._told >= RETOLD:
+            self._tell(spent)
+
+    def _tell(self, spent: int) -> None:
+        self._told = spent
+        self._progress(f"{self._line} ({spent:,} of {self._limit:,} linearisations)")
 
 
 class Ranked(NamedTuple):

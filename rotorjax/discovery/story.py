@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorjax.data.declarations import Slip
 from rotorjax.data.measurement import Measurement, require_steady
+from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
 from rotorjax.discovery.rivals import Rival, rivals
@@ -70,12 +71,20 @@ class Story(Reported):
         """Where the final model's steady state does not exist, is unstable or is not the only one."""
         return steadiness(self.final_model.with_orders(self.measurement.orders), self.measurement.conditions)
 
+    @functools.cached_property
+    def lateral(self) -> Lateral:
+        """Critical speeds, separation margins and stability of the final model."""
+        return lateral(self.final_model, self.measurement) if self.changed else self.lateral_declared
+
+    @functools.cached_property
+    def lateral_declared(self) -> Lateral:
+        """The same of the model as declared."""
+        return lateral(self.model, self.measurement)
+
     def noise_um(self) -> float | None:
         """Root mean square of pure noise, |z| over the cells [µm]; none where it is unknown."""
-        m = self.measurement
-        if m.sigma is None:
-            return None
-        return float(np.sqrt(2.0 * np.mean(m.sigma[m.present] ** 2)) / MICROMETRE)
+        noise = self.measurement.noise_rms
+        return None if noise is None else noise / MICROMETRE
 
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of fitted parameters that the data fix in combination only, with their correlation."""

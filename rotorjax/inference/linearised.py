@@ -18,7 +18,7 @@ Ramsay, Hooker, Campbell, Cao 2007, J. R. Stat. Soc. B 69:741-796.)
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -106,10 +106,17 @@ class Linearised(NamedTuple):
 
 
 class Budget:
-    """Single cases linearised so far, and how many may be."""
+    """Single cases linearised so far, and how many may be. **Arguments:** ``watch``: called with the count whenever it
+    grows.
+    """
 
-    def __init__(self, limit: int | None = None) -> None:
-        self.limit, self.spent = limit, 0
+    def __init__(self, limit: int | None = None, *, watch: Callable[[int], None] = lambda _: None) -> None:
+        self.limit, self.spent, self._watch = limit, 0, watch
+
+    def spend(self, count: int) -> None:
+        """Add to what is spent."""
+        self.spent += count
+        self._watch(self.spent)
 
     @property
     def exhausted(self) -> bool:
@@ -117,12 +124,12 @@ class Budget:
         return self.limit is not None and self.spent >= self.limit
 
     @property
-    def left(self) -> float:
+    def left(self) -> float | int:
         """How many may still be."""
         return math.inf if self.limit is None else max(0, self.limit - self.spent)
 
     @contextlib.contextmanager
-    def share(self, most: float) -> Iterator[None]:
+    def share(self, most: float | int) -> Iterator[None]:
         """While it is open, no more than ``most`` of what is left."""
         limit = self.limit
         if most < self.left:
@@ -250,7 +257,7 @@ class Linearisation:
             _Task(point, own, near, self.states.seen_in(near))
             for point, own, near in zip(points, free, every, strict=True)
         ]
-        self.budget.spent += sum(task.blocks * len(task.cases) for task in tasks)
+        self.budget.spend(sum(task.blocks * len(task.cases) for task in tasks))
         return tasks
 
     def _rows(self, tasks: list[_Task]) -> Rows:
@@ -324,7 +331,7 @@ class Linearisation:
         rows = self._rows_of(unknowns, np.full((len(states), COLUMNS), -1), states)
         equations = self.kernels.balanced(rows, motions[..., :count])
         force, followed = (equations.force, motions) if not refined else self.kernels.refined(rows, motions)
-        self.budget.spent += len(states)
+        self.budget.spend(len(states))
         step = -_solved(equations.force_by_motion, force[..., None])
         off = np.abs((equations.shown_by_motion @ step)[..., 0] * self._state_weight[states]).max(axis=1)
         size = np.linalg.norm(force * self._per_force[states], axis=1)

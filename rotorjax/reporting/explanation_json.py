@@ -4,15 +4,16 @@ import math
 from typing import Any
 
 from rotorjax.data.rig import Rig
-from rotorjax.diagnosis.critical_speeds import critical_speeds
 from rotorjax.discovery.explain import Explanation
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
+from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
 from rotorjax.reporting.comparison import slip_json, step_json, view_json
-from rotorjax.reporting.explanation import before_and_after, corrections_of, notes, sentence
+from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
+from rotorjax.reporting.explanation import balance_of, notes
 from rotorjax.units import MICROMETRE
 
 
@@ -63,8 +64,10 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
         "p_value": None if found.p_value is None else found.p_value.value,
         "p_value_draws": None if found.p_value is None else found.p_value.draws,
-        "balance": balance_json(corrections_of(found, rig)),
-        "critical_speeds": _critical_speeds_json(found),
+        "balance": balance_json(balance_of(found, rig)),
+        "no_correction": balance_of(found, rig).why_none or None,
+        "critical_speeds": critical_speeds_json(story),
+        "stability": stability_json(story),
         "missing_force": _missing_force_json(found.named_force),
         "findings": notes(found),
         "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
@@ -94,17 +97,6 @@ def _near(found: Explanation, step: int) -> list[list[list[str]]]:
         if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE
     ]
     return [[[added.effect], *others]] if others and added.effect != "none" else []
-
-
-def _critical_speeds_json(found: Explanation) -> dict[str, list[dict[str, float | None]]]:
-    before, after = (
-        [
-            {"speed_rpm": one.speed_rpm, "amplification_factor": one.amplification, "damping_ratio": one.damping_ratio}
-            for one in critical_speeds(model)
-        ]
-        for model in before_and_after(found)
-    )
-    return {"before": before, "after": after}
 
 
 def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:

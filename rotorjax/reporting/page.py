@@ -10,6 +10,7 @@ import jinja2
 from rotorjax.data.names import harmless
 from rotorjax.reporting.sizes import Size
 from rotorjax.reporting.tables import Table, is_number
+from rotorjax.reporting.wording import plain_name
 
 
 class Picture(NamedTuple):
@@ -49,15 +50,16 @@ class Page(NamedTuple):
 
     title: str
     headline: Headline
-    verdict: str
-    """The result in a few sentences."""
     measurement: str
     findings: list[str]
+    """What else is to be known, beside the headline."""
     tables: list[Table]
     pictures: list[Picture]
     where: list[Table]
     cost: str = ""
     """The last line: what it took."""
+    phase: str = "lead"
+    """How phases are shown."""
 
 
 def html_report(page: Page) -> str:
@@ -75,5 +77,6 @@ def rendered(template: str, content: Mapping[str, Any]) -> str:
         finalize=lambda value: harmless(value) if type(value) is str else value,
     )
     environment.tests["numeric"] = is_number
+    environment.filters["plain"] = plain_name
     source = files("rotorjax").joinpath(f"reporting/templates/{template}").read_text(encoding="utf-8")
     return environment.from_string(source).render(content)

@@ -1,4 +1,4 @@
-"""What is known to first order only, held against the same with every fit made."""
+"""What is known to first order only, compared with the same with every fit made."""
 
 import math
 import sys
