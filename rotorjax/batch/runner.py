@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from rotorjax.batch.case import Case, Executor, Function
+from rotorjax.batch.case import Case, Executor, Function, Outcome
 from rotorjax.batch.store import Store
 
 
@@ -21,6 +21,8 @@ class Progress(NamedTuple):
     """Of those that failed."""
     left_s: float | None
     """Estimate of the time left: cases left times mean time of a case, by workers [s]; none before the first."""
+    latest: Outcome | None = None
+    """What ended last."""
 
 
 def run(
@@ -47,6 +49,6 @@ def run(
         # What is between the cases counts once every worker has had some.
         each = max(taken / done / at_once, (time.monotonic() - began) / done if done > 2 * at_once else 0.0)
         failed = progress.failed + outcome.failed
-        progress = progress._replace(done=done, failed=failed, left_s=(len(left) - done) * each)
+        progress = progress._replace(done=done, failed=failed, left_s=(len(left) - done) * each, latest=outcome)
         told(progress)
     return progress
