@@ -29,7 +29,7 @@ from rotorjax.batch.pool import Processes, processors
 from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
 from rotorjax.compilation import spare_memory_maps, use_double_precision
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.ties import Alternative
 from rotorjax.reporting.tables import number
 

@@ -11,8 +11,8 @@ from .diagnosis.inverse import diagnose as diagnose
 from .discovery.compare import Cell as Cell
 from .discovery.compare import Comparison as Comparison
 from .discovery.compare import compare as compare
-from .discovery.explain import Explanation as Explanation
 from .discovery.explain import explain as explain
+from .discovery.explanation import Explanation as Explanation
 from .discovery.fit import Estimate as Estimate
 from .discovery.fit import Fit as Fit
 from .discovery.fit import fit as fit

@@ -3,7 +3,7 @@
 import json
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -45,8 +45,10 @@ class Executor(Protocol):
     workers: int
     """Cases done at one time."""
 
-    def outcomes(self, function: Function, cases: Sequence[Case]) -> Iterator[Outcome]:
-        """What becomes of every case, in the order in which they end."""
+    def outcomes(self, function: Function, cases: Sequence[Case]) -> Generator[Outcome, None, None]:
+        """What becomes of every case, in the order in which they end; where it is closed before its end, so is all that
+        was begun.
+        """
         ...
 
 

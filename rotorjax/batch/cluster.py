@@ -4,7 +4,7 @@ import asyncio
 import concurrent.futures
 import contextlib
 import importlib.util
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 from rotorjax.batch.case import Case, Function, Outcome, attempt
@@ -43,7 +43,7 @@ class Cluster:
                 f"--cluster {address}: has no worker; start some with 'dask worker {address} --nthreads 1'"
             )
 
-    def outcomes(self, function: Function, cases: Sequence[Case]) -> Iterator[Outcome]:
+    def outcomes(self, function: Function, cases: Sequence[Case]) -> Generator[Outcome, None, None]:
         """What becomes of every case, in the order in which they end.
 
         Where a worker dies Dask suspects all cases that it had, running or not, and gives up those that it suspects

@@ -8,7 +8,8 @@ from rotorjax.compilation import spare_memory_maps, use_double_precision
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig, read_rig
 from rotorjax.data.table import read_table
-from rotorjax.discovery.explain import Explanation, explain
+from rotorjax.discovery.explain import explain
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.errors import InputError
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.results import write_report

@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
@@ -43,7 +43,7 @@ class Processes:
     def __init__(self, workers: int):
         self.workers = workers
 
-    def outcomes(self, function: Function, cases: Sequence[Case]) -> Iterator[Outcome]:
+    def outcomes(self, function: Function, cases: Sequence[Case]) -> Generator[Outcome, None, None]:
         """What becomes of every case, in the order in which they end; no worker outlives this process, nor the
         iteration.
         """

@@ -1,5 +1,6 @@
 """The one runner: cases of a run that are not finished yet are done, and kept as they end."""
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -41,14 +42,18 @@ def run(
     by_name, taken, began = {case.name: case for case in left}, 0.0, time.monotonic()
     progress = Progress(len(cases), len(cases) - len(left), 0, 0, None)
     told(progress)
-    for outcome in executor.outcomes(function, left) if left else ():
-        store.keep(by_name[outcome.name], outcome)
-        taken += outcome.seconds
-        done = progress.done + 1
-        at_once = max(1, min(executor.workers, len(left)))
-        # What is between the cases counts once every worker has had some.
-        each = max(taken / done / at_once, (time.monotonic() - began) / done if done > 2 * at_once else 0.0)
-        failed = progress.failed + outcome.failed
-        progress = progress._replace(done=done, failed=failed, left_s=(len(left) - done) * each, latest=outcome)
-        told(progress)
+    if not left:
+        return progress
+    at_once = min(executor.workers, len(left))
+    # Whatever is raised meanwhile, workers end with it.
+    with contextlib.closing(executor.outcomes(function, left)) as outcomes:
+        for outcome in outcomes:
+            store.keep(by_name[outcome.name], outcome)
+            taken += outcome.seconds
+            done = progress.done + 1
+            # What is between the cases counts once every worker has had some.
+            each = max(taken / done / at_once, (time.monotonic() - began) / done if done > 2 * at_once else 0.0)
+            failed = progress.failed + outcome.failed
+            progress = progress._replace(done=done, failed=failed, left_s=(len(left) - done) * each, latest=outcome)
+            told(progress)
     return progress

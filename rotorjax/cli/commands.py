@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rotorjax.data.declarations import Slip
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.rig import Rig
-    from rotorjax.discovery.explain import Explanation
+    from rotorjax.discovery.explanation import Explanation
     from rotorjax.discovery.story import Story
     from rotorjax.model.model import Model
 
@@ -29,7 +29,8 @@ def compare(options: argparse.Namespace) -> None:
     check_outputs(options)
     use_double_precision()
     from rotorjax.discovery.story import tell
-    from rotorjax.reporting.comparison import comparison_json, comparison_text
+    from rotorjax.reporting.comparison import comparison_text
+    from rotorjax.reporting.comparison_json import comparison_json
 
     rig, measurement = _read(options)
     slip, named = parse_slip(options.effect, rig.model, measurement)

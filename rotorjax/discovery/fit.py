@@ -14,9 +14,9 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, declared_starts, make_data, make_folds, residual_vectors
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.manner import CONVERGED, NOT_FINITE, RESULT_TEXT
 from rotorjax.inference.noise import (
     FEW_RUNS,

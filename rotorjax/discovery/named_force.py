@@ -9,10 +9,11 @@ from collections.abc import Mapping
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
+from rotorjax.discovery.force_shapes import Reach, with_gap
 from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import TERMS, Reach, with_gap
+from rotorjax.effects.terms import TERMS
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model

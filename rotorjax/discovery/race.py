@@ -12,10 +12,10 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import MOST_STARTS, Data, declared_starts, make_data, residual_vectors
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.influence import CLEAR, influenced
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
 from rotorjax.inference.noise import (
     MOST_ROUNDS,

@@ -19,7 +19,7 @@ from rotorjax.discovery.race import (
     settle,
     with_floor,
 )
-from rotorjax.inference.linearised import Budget
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 

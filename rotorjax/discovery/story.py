@@ -66,6 +66,12 @@ class Story(Reported):
         """Whether anything was fitted, so that there is a before and an after."""
         return self.slip is not None or any(fitted.estimates for fitted in self.fits)
 
+    @property
+    def confirmed(self) -> bool:
+        """Whether what was added makes the error fall on data held out too, as far as that was looked into."""
+        first, last = (self.fits[k].held_out_rms if self.fits else None for k in (0, -1))
+        return len(self.fits) == 1 or first is None or last is None or last < first
+
     @functools.cached_property
     def steadiness(self) -> list[str]:
         """Where the final model's steady state does not exist, is unstable or is not the only one."""

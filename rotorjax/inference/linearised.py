@@ -18,12 +18,13 @@ Ramsay, Hooker, Campbell, Cao 2007, J. R. Stat. Soc. B 69:741-796.)
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of, side_by_side
 from rotorjax.inference.space import Space
@@ -103,41 +104,6 @@ class Linearised(NamedTuple):
     def finite(self) -> bool:
         """Whether it can be used at all."""
         return bool(np.all(np.isfinite(self.error)) and np.all(np.isfinite(self.slopes)))
-
-
-class Budget:
-    """Single cases linearised so far, and how many may be. **Arguments:** ``watch``: called with the count whenever it
-    grows.
-    """
-
-    def __init__(self, limit: int | None = None, *, watch: Callable[[int], None] = lambda _: None) -> None:
-        self.limit, self.spent, self._watch = limit, 0, watch
-
-    def spend(self, count: int) -> None:
-        """Add to what is spent."""
-        self.spent += count
-        self._watch(self.spent)
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the limit is reached."""
-        return self.limit is not None and self.spent >= self.limit
-
-    @property
-    def left(self) -> float | int:
-        """How many may still be."""
-        return math.inf if self.limit is None else max(0, self.limit - self.spent)
-
-    @contextlib.contextmanager
-    def share(self, most: float | int) -> Iterator[None]:
-        """While it is open, no more than ``most`` of what is left."""
-        limit = self.limit
-        if most < self.left:
-            self.limit = self.spent + int(most)
-        try:
-            yield
-        finally:
-            self.limit = limit
 
 
 class States(NamedTuple):

@@ -1,7 +1,7 @@
 """The answer of an explanation in sentences: what is missing, how far the error falls, what is left, what ties."""
 
 from rotorjax.data.declarations import AMPLITUDE_CHANGES, Slip
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
 from rotorjax.reporting.missing_force import missing_force_lines

@@ -2,7 +2,7 @@
 
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.discovery.named_force import NamedForce

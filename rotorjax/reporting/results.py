@@ -12,7 +12,7 @@ from rotorjax.data.names import harmless
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Comparison
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
 from rotorjax.model.model import Model

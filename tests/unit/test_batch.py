@@ -160,6 +160,24 @@ def test_ctrl_c_ends_all_at_once(tmp_path: Path):
     assert not [worker for worker in workers if alive(worker)]
 
 
+def test_workers_end_with_what_stops_the_run(tmp_path: Path):
+    """A full disk, say: whatever the other worker is at."""
+
+    def stop(progress: Progress) -> None:
+        if progress.done:
+            raise InputError("disk full")
+
+    began = time.monotonic()
+    with store(tmp_path) as kept:
+        with pytest.raises(InputError, match="disk full"):
+            run(batch_cases.first_or_endless, squares(2), kept, Processes(2), stop)
+        assert [row["name"] for row in kept.rows()] == ["case 0"]
+    assert time.monotonic() - began < 20.0
+    time.sleep(0.5)
+    children = [Path(f"/proc/{child}/cmdline").read_bytes() for child in _children(os.getpid())]
+    assert not [command for command in children if b"spawn_main" in command]
+
+
 def _children(parent: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 

@@ -8,9 +8,9 @@ import pytest
 from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, fit, response, tell
 from rotorjax.data.declarations import AMPLITUDE_CHANGES
 from rotorjax.data.rig_sections import Convention
+from rotorjax.discovery.force_shapes import Reach
 from rotorjax.discovery.named_force import reached
 from rotorjax.discovery.search import RETOLD, Telling
-from rotorjax.effects.terms import Reach
 from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
