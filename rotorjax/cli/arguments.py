@@ -113,11 +113,11 @@ def check_outputs(options: argparse.Namespace) -> None:
     """
     read = {
         path.resolve(): f"{path} is read"
-        for path in (getattr(options, n, None) for n in ("data", "rig", "like"))
+        for path in (getattr(options, n, None) for n in ("data", "rig", "like", "source"))
         if path
     }
     problems = []
-    for name in ("json", "report", "write_rig", "output"):
+    for name in ("json", "report", "write_rig", "output", "html"):
         path = getattr(options, name, None)
         if path is None:
             continue

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_slip
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.terminal import complain, say, terminal_width
+from rotorjax.compilation import use_double_precision
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -85,19 +85,13 @@ def explain(options: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress(f"reading {options.data}")
         use_double_precision()
+        from rotorjax.batch.explaining import refuse_what_cannot_be_missing
         from rotorjax.discovery.explain import explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
         rig, measurement = _read(options)
-        declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
-        if held := [name for name in only or () if name in rig.model or name in declared]:
-            how = (
-                "declares it uncertain, so that it is fitted in any case"
-                if held[0] in declared
-                else "has it in [effects] already"
-            )
-            raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
+        refuse_what_cannot_be_missing(only or (), rig, measurement)
         found = explain(
             rig.model,
             measurement,
@@ -198,26 +192,6 @@ def example(options: argparse.Namespace) -> None:
     from rotorjax.reporting.tables import wrapped
 
     say(wrapped(write_example(options.folder), terminal_width()))
-
-
-def use_double_precision() -> None:
-    """Double precision, and compiled programs kept for the next process."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
-        jax.config.update("jax_compilation_cache_dir", cache)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-
-
-def _cache_folder() -> str | None:
-    """A folder of the user's for compiled programs; none where it cannot be made."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return str(folder)
 
 
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
