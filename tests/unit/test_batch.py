@@ -338,6 +338,24 @@ def test_two_machines_and_a_bad_file(tmp_path: Path, capsys):
     assert "reports is" in capsys.readouterr().err
 
 
+def test_odd_files_are_rows(tmp_path: Path, capsys):
+    """Names that are no text, files that are no tables, lists of files that are not there."""
+    fleet, output = tmp_path / "fleet", tmp_path / "r.csv"
+    touch(fleet, "rig.toml", "esc\x1b[2J.csv", "folder.csv/deep.csv")
+    Path(os.fsdecode(bytes(fleet) + b"/\xff.csv")).write_bytes(b"\0\1\2")
+    assert many(fleet, "--output", output, "--html", tmp_path / "r.html", "--workers", 1) == 0
+    assert "3 failed" in capsys.readouterr().out
+    with output.open(newline="", encoding="utf-8") as file:
+        failures = {row["name"]: row["failure"] for row in csv.DictReader(file)}
+    assert list(failures) == ["esc\\x1b[2J.csv", "folder.csv/deep.csv", "\\udcff.csv"]
+    assert "rig.toml" in failures["esc\\x1b[2J.csv"]
+    assert "no rig file" in failures["folder.csv/deep.csv"]
+    listed = tmp_path / "list.csv"
+    listed.write_text("data,rig\nnone.csv,none.toml\n")
+    assert many(listed, "--output", tmp_path / "l.sqlite", "--workers", 1) == 0
+    assert "give the path of a readable file" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
