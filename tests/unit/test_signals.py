@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from rotorjax.data.signals import fold, pulse_times, shaft_angle, vectors_from_waveform
+from rotorjax.data.pulses import pulse_times, shaft_angle
+from rotorjax.data.signals import fold, vectors_from_waveform
 from rotorjax.diagnosis.features import features_from_waveform
 
 RATE = 2000.0
