@@ -20,8 +20,6 @@ PART_OF_RESONANCE = 0.5
 """Change of speed over one vector of a run-up, as a share of the distance over which the response bends: half the
 half-power bandwidth at a resonance. A parabola follows the response over it to a thousandth.
 """
-WIDEST = 0.05
-"""The same as a share of the speed, where nothing bends: about 35 vectors from 600 to 3000 rpm."""
 MANY_TURNS = 10
 """Revolutions from which a half order can be told from the drift and from 1X with an error of its own."""
 NOTABLE = 2.0
@@ -42,6 +40,8 @@ class Point:
     sweep: float
     """Rate of the speed [rad/s²]; zero where none can be told."""
     revolutions: int
+    instant: float
+    """Middle of the revolutions used [s]."""
     half_over_first: float = 0.0
     """Least ratio of the half order to 1X among the probes, where it was fitted."""
 
@@ -80,7 +80,7 @@ def sweep_plan(
         end = start + fewest
         while (
             end < len(speed)
-            and np.ptp(smooth[start : end + 1]) <= width
+            and np.ptp(smooth[start : end + 1]) <= min(width, _width(smooth[end], rotor, orders))
             and marks[end + 1] - marks[start] < PIECE * step
         ):
             end += 1
@@ -90,9 +90,9 @@ def sweep_plan(
 
 
 def _width(speed: float, rotor: Jeffcott, orders: tuple[float, ...]) -> float:
-    """Change of speed [rad/s] that one vector may span."""
+    """Change of speed [rad/s] that one vector may span; more than a dwell varies by would not be one speed."""
     bends = [PART_OF_RESONANCE * np.sqrt(2.0 / bend(rotor, order * speed)) / order for order in orders if order]
-    return min([WIDEST * speed, *bends])
+    return min([CLUSTER_WIDTH * speed, *bends])
 
 
 def bend(rotor: Jeffcott, frequency: float) -> float:
@@ -141,12 +141,13 @@ def point(found: Scan, rotor: Jeffcott, orders: tuple[float, ...], block: Block,
     vectors[0.0] = fit.constant.astype(complex), fit.constant_sigma
     z, sigma = (np.stack([vectors[order][part] for order in fitted], axis=1) for part in (0, 1))
     sweep, speed = _sweep(marks[first : last + 1]), fit.speed_rpm * RPM
+    instant = 0.5 * float(marks[first] + marks[last])
     # z = H - (i/2) H'' dω/dt + ... for a frequency that changes steadily: Re[z e^{iφ}] = ∫ h(τ) cos φ(t - τ) dτ.
     shift = [0.5 * abs(sweep) * order * bend(rotor, order * speed) if order else 0.0 for order in fitted]
     half = (
         float(np.min(np.abs(vectors[0.5][0]) / np.abs(vectors[1.0][0]))) if 0.5 in vectors and 1.0 in vectors else 0.0
     )
-    return Point(fit.speed_rpm, z, sigma, np.abs(z) * np.array(shift), sweep, fit.revolutions, half)
+    return Point(fit.speed_rpm, z, sigma, np.abs(z) * np.array(shift), sweep, fit.revolutions, instant, half)
 
 
 def _sweep(marks: Float[np.ndarray, "_"]) -> float:
@@ -177,8 +178,18 @@ def together(points: list[Point]) -> Point:
     fastest = max((p.sweep for p in points), key=abs)
     return Point(
         float(turns.sum() / np.sum(turns / [p.speed_rpm for p in points])), z, np.sqrt(variance), bias, fastest,
-        int(turns.sum()), min(p.half_over_first for p in points),
+        int(turns.sum()), float(share @ [p.instant for p in points]), min(p.half_over_first for p in points),
     )  # fmt: skip
+
+
+def ringing(points: list[Point], rotor: Jeffcott) -> list[Point]:
+    """A run-up's vectors with the bias that lasts: what a resonance left rings on and dies out as e^{-ζωt}."""
+    decay = float(np.min(np.asarray(rotor.damping))) / (2.0 * float(rotor.mass))
+    lasting = points[:1]
+    for each in points[1:]:
+        left = lasting[-1].bias * np.exp(-decay * (each.instant - lasting[-1].instant))
+        lasting.append(dataclasses.replace(each, bias=np.maximum(each.bias, left)))
+    return lasting
 
 
 def wanted(point: Point, orders: tuple[float, ...]) -> Point:

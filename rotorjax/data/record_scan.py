@@ -170,7 +170,7 @@ class _Checks:
         self._time(time)
         broken = np.argwhere(~np.isfinite(piece))
         if len(broken):
-            row, column = broken[0]
+            row, column = broken[0].tolist()
             place = (
                 f"{self.recording.path}: channel {self.recording.names[self.channels.reference]!r} (phase reference)"
             )

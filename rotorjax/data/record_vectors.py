@@ -5,10 +5,22 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from rotorjax.data.measurement import CLUSTER_WIDTH, Measurement, Row, is_half_order
 from rotorjax.data.pulses import TURN
-from rotorjax.data.record_points import Point, bend, blocks, is_steady, point, steady_plan, sweep_plan, together, wanted
+from rotorjax.data.record_points import (
+    Point,
+    bend,
+    blocks,
+    is_steady,
+    point,
+    ringing,
+    steady_plan,
+    sweep_plan,
+    together,
+    wanted,
+)
 from rotorjax.data.record_scan import Progress, Scan, scan
 from rotorjax.data.recordings import open_recording
 from rotorjax.data.rig import Rig
@@ -86,6 +98,7 @@ def _row(each: Point, run: str, probe: str, cell: tuple[int, int], at: tuple[flo
     return Row(run, at[0], probe, at[1], amplitude, phase, float(f"{max(sigma, LEAST_UM):.3g}"), repeat)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def read_recordings(
     rig: Rig,
     files: Sequence[Path] = (),
@@ -149,6 +162,8 @@ def _record(rig: Rig, recorded: Recorded, path: Path, rate: float | None, progre
     if steady:
         notes += _twice_per_turn(points)
         points = [together(points)]
+    else:
+        points = ringing(points, rotor)
     points = [wanted(each, orders) for each in points]
     notes += _sweep_note(points, rotor)
     return Record(

@@ -18,8 +18,8 @@ from rotorjax.units import RPM
 
 FEWEST_REVOLUTIONS = 2
 """One revolution cannot tell a drift from an order."""
-SAME_PLACE = 0.9
-"""Resultant length of the pulses' places between samples from which they count as the same place."""
+MOST_HARMONICS = 20
+"""Of the rounding error of hard edges over their place between samples, which falls as one over the harmonic."""
 BAND = 0.4
 """Sidebands reach this far from an order, relative to the order but at most 1: short of a whirl near half the speed."""
 FEWEST_SIDEBANDS, MOST_SIDEBANDS = 2, 16
@@ -98,12 +98,11 @@ def vectors_from_waveform(
     that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial. One
     is good for a dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a
     quadratic one only 1/(π n N)²; ``changing`` degree of the vectors' change over the record, 0 for a dwell;
-    ``pulse_error`` standard error common to all pulses [s], for edges shorter
-    than a sample at most one sample / √12, and just that by default where the pulses fall at the same place between
-    samples in every revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``,
-    with place and cure, for samples not finite, shapes that do not match, time or pulses not rising, missing or double
-    pulses, fewer than two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026,
-    section 2.3.
+    ``pulse_error`` standard error common to all pulses [s], for edges shorter than a sample at most one sample / √12,
+    by default what the places of the pulses between samples tell: just that where they are the same in every
+    revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and
+    cure, for samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer
+    than two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
     """
     instants, waves = record_of(time, displacement, "displacement")
     marks = _within(regular(pulses), instants)
@@ -143,7 +142,7 @@ def _scatter(
         near = _sidebands(order, orders, count, changing + 1)
         pairs.append(len(near))
         if len(near):
-            covariance.append(_scatter_of_sidebands(left, angle, order, near / count))
+            covariance.append(_scatter_of_sidebands(left, angle, order, near, count))
         else:
             step = order * TURN * count / len(left)
             covariance.append(_variance_of_residual(left, design, slice(2 * k, 2 * k + 2), step))
@@ -157,7 +156,7 @@ def _constant_error(
     # The drift takes the slowest with it.
     near = _sidebands(0.0, orders, count, design.shape[1] - level)
     if len(near):
-        both = _scatter_of_sidebands(left, angle, 0.0, near / count)
+        both = _scatter_of_sidebands(left, angle, 0.0, near, count)
         return 0.5 * np.sqrt(np.diagonal(both).reshape(-1, 2).sum(axis=1))
     return np.sqrt(np.diagonal(_variance_of_residual(left, design, slice(level, level + 1), 0.0))[::2])
 
@@ -196,14 +195,22 @@ def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
 
 
 def _common_pulse_error(marks: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> float:
-    """One sample / √12 where the pulses fall at the same place between samples every time [s], else nothing.
+    """Standard error of the mean of the pulses [s] where edges are shorter than a sample.
 
-    A hard edge is known to a sample; only where its place among the samples changes from turn to turn does that show as
-    scatter.
+    Such an edge is put in the middle of its sample, wherever in it it was: late by (1/2 - x) steps for a place x from 0
+    to 1, a sawtooth of Fourier coefficients 1/(2πm). Its mean over the pulses is Σ_m |R_m|² / (2π²m²) in mean square,
+    R_m = mean of e^{2πi m x} over places x that a smoothly turning shaft has: 1/12 where all are alike, as with a whole
+    number of samples per revolution; little where the places change. How hard the edges are is seen from the pulses as
+    they were found: those of hard edges stand at one place, the middle.
     """
-    step = float(np.median(np.diff(time)))
-    alike = abs(np.mean(np.exp(2j * np.pi * marks / step)))
-    return step / np.sqrt(12.0) if alike > SAME_PLACE else 0.0
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    count = np.linspace(-1.0, 1.0, len(marks))
+    smooth = np.polynomial.Polynomial.fit(count, marks, min(2, len(marks) - 1))(count)
+    harmonic = np.arange(1, MOST_HARMONICS + 1)
+    alike = np.abs(np.mean(np.exp(2j * np.pi * harmonic[:, None] * smooth / step), axis=1))
+    hard = float(np.abs(np.mean(np.exp(2j * np.pi * marks / step))))
+    share = np.sum((alike / harmonic) ** 2) / np.sum(1.0 / harmonic**2)
+    return step * hard * float(np.sqrt(share / 12.0))
 
 
 def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> Float[np.ndarray, "_"]:
@@ -293,7 +300,8 @@ def _scatter_of_sidebands(
     residual: Float[np.ndarray, "sample probe"],
     angle: Float[np.ndarray, "sample"],
     order: float,
-    offsets: Float[np.ndarray, "_"],
+    offsets: Int[np.ndarray, "_"],
+    revolutions: int,
 ) -> Float[np.ndarray, "2*probe 2*probe"]:
     """Covariance of (Re z, Im z) of every probe from the residual's Fourier coefficients beside the order.
 
@@ -303,9 +311,16 @@ def _scatter_of_sidebands(
     does, without the leak of low frequencies into short blocks. With b(φ) e^{i n φ} the residual, c_k the
     coefficient of b: those of Re b and Im b are (c_k + c̄_-k)/2 and (c_k - c̄_-k)/2i.
     """
-    upper, lower = (
-        2.0 / len(angle) * np.exp(-1j * np.outer(order + side * offsets, angle)) @ residual for side in (1.0, -1.0)
-    )
+    moved = residual.T * np.exp(-1j * order * angle)
+    # One exponential and its powers: an exponential for each sideband took most of the time of a long record.
+    turn = np.exp(-1j / revolutions * angle)
+    power, reached = np.ones_like(turn), 0
+    upper, lower = np.empty((2, len(offsets), len(moved)), dtype=complex)
+    for row, k in enumerate(offsets.tolist()):
+        power *= turn if k == reached + 1 else turn ** (k - reached)
+        reached = k
+        upper[row] = 2.0 / len(angle) * (moved @ power)
+        lower[row] = 2.0 / len(angle) * (moved @ power.conj())
     parts = np.stack([0.5 * (upper + lower.conj()), -0.5j * (upper - lower.conj())], axis=-1).reshape(len(offsets), -1)
     freedoms = 2 * len(offsets)
     # The variance of Student's t: an error in units of an estimated standard error scatters by more than one.

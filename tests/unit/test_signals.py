@@ -286,7 +286,7 @@ def test_noise_on_an_edge_counts_once(rng):
 
 def test_integers_and_lists_are_taken():
     times = [0.1 * k for k in range(12)]
-    np.testing.assert_allclose(pulse_times(times, [0, 0, 4, 0] * 3), [0.15, 0.55, 0.95])
+    np.testing.assert_allclose(pulse_times(times, [0, 0, 4, 4] * 3), [0.15, 0.55, 0.95])
 
 
 def test_angle_by_pulse_counts():
