@@ -19,7 +19,7 @@ RATE_HZ, SECONDS = 2000.0, 1.0
 NOISE_M = 3.0 * MICROMETRE
 SENSITIVITY_MV_PER_UM = 7.874
 """200 mV per mil, as most proximity probes have it."""
-PULSE_RAD, PULSE_V = 40.0 * DEGREE, -5.0
+PULSE_RAD, PULSE_V = 60.0 * DEGREE, -5.0
 EDGE_S = 3e-4
 """A recorder's filter makes an edge no shorter than a sample or two; else it would be known to half a sample only."""
 WAVEFORM = f"""

@@ -10,7 +10,7 @@ from rotorjax.data.measurement import CLUSTER_WIDTH
 from rotorjax.data.pulses import TURN
 from rotorjax.data.record_scan import Scan
 from rotorjax.data.recordings import PIECE
-from rotorjax.data.signals import vectors_from_waveform
+from rotorjax.data.signals import common_share, vectors_from_waveform
 from rotorjax.model.rotor import Jeffcott
 from rotorjax.units import RPM
 
@@ -136,11 +136,13 @@ def point(found: Scan, rotor: Jeffcott, orders: tuple[float, ...], block: Block,
     each = len(time) / (last - first)
     fitted = (*orders, *(order for order in along if order not in orders and 2.0 * order < each))
     turning = tuple(order for order in fitted if order)
-    fit = vectors_from_waveform(time, waves, marks[first : last + 1], orders=turning, changing=0 if steady else 2)
+    used, degree = marks[first : last + 1], 0 if steady else 2
+    common = found.edge_error * common_share(used, found.step)
+    fit = vectors_from_waveform(time, waves, used, orders=turning, changing=degree, pulse_error=common)
     vectors = {order: (fit.vectors[:, k], fit.sigma[:, k]) for k, order in enumerate(turning)}
     vectors[0.0] = fit.constant.astype(complex), fit.constant_sigma
     z, sigma = (np.stack([vectors[order][part] for order in fitted], axis=1) for part in (0, 1))
-    sweep, speed = _sweep(marks[first : last + 1]), fit.speed_rpm * RPM
+    sweep, speed = _sweep(used), fit.speed_rpm * RPM
     instant = 0.5 * float(marks[first] + marks[last])
     # z = H - (i/2) H'' dω/dt + ... for a frequency that changes steadily: Re[z e^{iφ}] = ∫ h(τ) cos φ(t - τ) dτ.
     shift = [0.5 * abs(sweep) * order * bend(rotor, order * speed) if order else 0.0 for order in fitted]

@@ -33,6 +33,8 @@ class Scan(NamedTuple):
     recording: Recording
     probes: tuple[str, ...]
     pulses: Mended
+    edge_error: float
+    """Of one pulse, for not knowing its edge between samples [s]."""
     step: float
     """Time between samples [s]."""
     samples: int
@@ -84,7 +86,7 @@ def scan(recording: Recording, waveform: Waveform, *, rate_hz: float | None, pro
             raise
         raise InputError(f"{with_name}: {error}") from error
     again = (lambda: iter(held)) if held else (lambda: _pieces(recording, waveform, channels, None))
-    return Scan(recording, tuple(waveform.probes), found, checks.step, checks.samples, again)
+    return Scan(recording, tuple(waveform.probes), found, trigger.edge_error, checks.step, checks.samples, again)
 
 
 def _told(size: int) -> str:

@@ -124,13 +124,18 @@ def vectors_from_waveform(
     common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
     turned = 1j * turning[:, None] * speed * common_error * vectors.T
     common = numpy_pair(turned).reshape(len(turning), -1)
-    span = [marks[0], marks[-1]]
-    trend = np.polynomial.Polynomial.fit(marks, np.arange(count + 1.0), 2, domain=span, window=[0.0, 1.0]).coef[2]
     return WaveformVectors(
         vectors, covariance + common[:, :, None] * common[:, None, :], pairs,
-        float(speed / RPM), float(2.0 * trend / count), count, angle, residual,
+        float(speed / RPM), _speed_change(marks), count, angle, residual,
         solution[level], _constant_error(left, design, angle[used], turning, count, level),
     )  # fmt: skip
+
+
+def _speed_change(marks: Float[np.ndarray, "_"]) -> float:
+    """Change of a linear trend of the speed from first to last pulse, relative to the mean."""
+    turns, span = np.arange(float(len(marks))), [marks[0], marks[-1]]
+    trend = np.polynomial.Polynomial.fit(marks, turns, 2, domain=span, window=[0.0, 1.0]).coef[2]
+    return float(2.0 * trend / turns[-1])
 
 
 def _scatter(
@@ -195,22 +200,29 @@ def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
 
 
 def _common_pulse_error(marks: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> float:
-    """Standard error of the mean of the pulses [s] where edges are shorter than a sample.
-
-    Such an edge is put in the middle of its sample, wherever in it it was: late by (1/2 - x) steps for a place x from 0
-    to 1, a sawtooth of Fourier coefficients 1/(2πm). Its mean over the pulses is Σ_m |R_m|² / (2π²m²) in mean square,
-    R_m = mean of e^{2πi m x} over places x that a smoothly turning shaft has: 1/12 where all are alike, as with a whole
-    number of samples per revolution; little where the places change. How hard the edges are is seen from the pulses as
-    they were found: those of hard edges stand at one place, the middle.
+    """Standard error of the mean of the pulses [s] where edges are shorter than a sample: one sample / √12 for each,
+    less for their mean where places differ. How short edges are is seen from the pulses as they were found: those of
+    short edges all stand at one place between samples, the middle.
     """
     step = float(time[-1] - time[0]) / (len(time) - 1)
+    short = float(np.abs(np.mean(np.exp(2j * np.pi * marks / step))))
+    return step / np.sqrt(12.0) * short * common_share(marks, step)
+
+
+def common_share(marks: Float[np.ndarray, "_"], step: float) -> float:
+    """Standard error of the mean of the pulses over that of one of them, for errors that depend on where between two
+    samples a pulse falls.
+
+    A short edge is put in the middle of its sample, wherever in it it was: late by (1/2 - x) steps for a place x from 0
+    to 1, a sawtooth of Fourier coefficients 1/(2πm). Its mean over the pulses is Σ_m |R_m|² / (2π²m²) in mean square,
+    R_m = mean of e^{2πi m x} over places x that a smoothly turning shaft has: 1/12 where all are alike, as with a whole
+    number of samples per revolution; little where the places change.
+    """
     count = np.linspace(-1.0, 1.0, len(marks))
     smooth = np.polynomial.Polynomial.fit(count, marks, min(2, len(marks) - 1))(count)
     harmonic = np.arange(1, MOST_HARMONICS + 1)
     alike = np.abs(np.mean(np.exp(2j * np.pi * harmonic[:, None] * smooth / step), axis=1))
-    hard = float(np.abs(np.mean(np.exp(2j * np.pi * marks / step))))
-    share = np.sum((alike / harmonic) ** 2) / np.sum(1.0 / harmonic**2)
-    return step * hard * float(np.sqrt(share / 12.0))
+    return float(np.sqrt(np.sum((alike / harmonic) ** 2) / np.sum(1.0 / harmonic**2)))
 
 
 def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> Float[np.ndarray, "_"]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from rotorjax.data.pulses import mended, pulse_times
+from rotorjax.data.pulses import Trigger, mended, pulse_times
 from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import read_rig
 from rotorjax.data.signals import vectors_from_waveform
@@ -65,6 +65,21 @@ def test_hard_edges_are_in_the_error(rng):
         units.append(np.abs(fit.vectors[:, 0] - TRUTH) / fit.sigma[:, 0])
     assert 0.4 < np.sqrt(np.mean(np.square(units)) / 2) < 1.1
     assert np.mean(np.array(units) < 2.45) > 0.95
+
+
+def test_edges_of_a_sample_or_two_are_in_the_error(rng):
+    """What a cubic leaves open on an edge: as large as it is, whatever the place of the pulse between samples."""
+    found, said = [], []
+    for rpm in rng.uniform(1500.0, 3000.0, 60):
+        time = np.arange(1000) / 2000.0
+        speed = rpm * np.pi / 30
+        turned = speed * time - 1.0
+        trigger = Trigger(pulse(turned, edge=3e-4 * speed), threshold=0.5)
+        fired = trigger.feed(time, pulse(turned, edge=3e-4 * speed))
+        error = (fired * speed - 1.0 + np.pi) % (2 * np.pi) - np.pi
+        found.append(np.mean((error / speed) ** 2))
+        said.append(trigger.edge_error**2)
+    assert np.sqrt(np.mean(said) / np.mean(found)) == pytest.approx(1.0, abs=0.3)
 
 
 def test_mended_pulses():

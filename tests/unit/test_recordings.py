@@ -1,5 +1,7 @@
 """Recordings in every format give the same vectors; what cannot be used is refused with file, channel and cure."""
 
+import json
+import sys
 import tracemalloc
 
 import numpy as np
@@ -138,7 +140,7 @@ def test_every_format_gives_the_vectors_recorded(tmp_path, record, name, monkeyp
 def test_a_missing_package_is_named_with_its_extra(tmp_path, name, package, monkeypatch):
     begin = {"g.h5": b"\x89HDF\r\n\x1a\n", "i.tdms": b"TDSm", "j.uff": b"    -1\n    58\n"}[name]
     (tmp_path / name).write_bytes(begin + bytes(600))
-    monkeypatch.setitem(__import__("sys").modules, package, None)
+    monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(InputError, match=r"not installed: pip install 'rotorjax\[formats\]'"):
         open_recording(tmp_path / name)
 
@@ -326,7 +328,7 @@ def test_vectors_then_explain_and_explain_at_once(tmp_path, capsys):
     result = tmp_path / "r.json"
     effects = "residual_unbalance,cross_coupling"
     assert main(["explain", "--recordings", str(rig), "--only", effects, "--json", str(result)]) == 0
-    told = __import__("json").loads(result.read_text())
+    told = json.loads(result.read_text())
     assert told["verdict"] == "explained"
     assert set(told["effects"]) == {"residual_unbalance", "cross_coupling"}
     cross = told["steps"][-1]["parameters"]["cross_coupling"]["cross_stiffness_n_per_m"]
