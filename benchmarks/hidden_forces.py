@@ -1,6 +1,6 @@
 """Forces outside the catalogue, drawn by seed with machine, plan and noise, and integrated in time: are they named?
 
-Shapes that are terms of ours must be named, alone or among what does hardly worse; of the others, which no term is,
+Shapes that are terms of ours must be named, alone or among what does nearly as well; of the others, which no term is,
 nothing may be claimed with certainty. Each is fitted in the response; what is left is compared with the noise. Seeds
 below 836 were looked at while the method was made. Some half an hour; prints a line for each and writes a table.
 
@@ -28,7 +28,7 @@ mean squares over those of the noise.
 
 Seeds below 836 were looked at while the method was made.
 
-*Right*: the term named is the force. *Among several*: so is one of those that do hardly worse. *With others*:
+*Right*: the term named is the force. *Among several*: so is one of those that do nearly as well. *With others*:
 a second term is named beside it. *Left open*: what is named leaves more than the noise, and is said to. *Too
 small to see*: no more than noise to explain, and nothing named. *Outside*: no term is this force; what is
 named comes near it or is left open. *WRONG*: another term is named and leaves no more than the noise.
@@ -89,7 +89,7 @@ def main() -> None:
         "measured",
         "amplitude / noise",
         "named",
-        "hardly worse",
+        "nearly as well",
         "rms before / noise",
         "after",
         "verdict",

@@ -18,7 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rotorjax import Conditions, Effect, Jeffcott, Measurement, Model, RestoringEffect, WaveformEffect, effects
-from rotorjax.discovery.race import Contest, Effects, Known, make_contest, race
+from rotorjax.discovery.contest import Contest, Effects, Known, make_contest
+from rotorjax.discovery.race import race
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.noise import NO_NOISE

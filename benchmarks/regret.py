@@ -33,12 +33,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import rotorjax
 from rotorjax import Measurement, Model, RestoringEffect, effects
 from rotorjax.data.files import write_whole
-from rotorjax.discovery.race import Contest, Effects, make_contest
+from rotorjax.discovery.contest import Contest, Effects, make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, Start, best_of, descend, starts_at
-from rotorjax.inference.linearised import Budget, Linearisation
+from rotorjax.inference.linearised import Linearisation
 from rotorjax.inference.manner import QUICK, THOROUGH, Manner
 from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise

@@ -1,4 +1,4 @@
-"""rotorjax: hold a rotor model against vibration measurements, see where it fails, add the effect that is missing.
+"""rotorjax: compare a rotor model with vibration measurements, see where it fails, add the effect that is missing.
 
     rig = read_rig("rig.toml")
     measurement = read_measurement("data.csv", rig)

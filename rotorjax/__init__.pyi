@@ -4,16 +4,15 @@ from .data.measurement import Measurement as Measurement
 from .data.rig import Rig as Rig
 from .data.rig import read_measurement as read_measurement
 from .data.rig import read_rig as read_rig
+from .diagnosis.fault import Fault as Fault
 from .diagnosis.inverse import Diagnosis as Diagnosis
-from .diagnosis.inverse import Fault as Fault
 from .diagnosis.inverse import RunDiagnosis as RunDiagnosis
 from .diagnosis.inverse import diagnose as diagnose
 from .discovery.compare import Cell as Cell
 from .discovery.compare import Comparison as Comparison
 from .discovery.compare import compare as compare
-from .discovery.explain import Explanation as Explanation
 from .discovery.explain import explain as explain
-from .discovery.fit import Estimate as Estimate
+from .discovery.explanation import Explanation as Explanation
 from .discovery.fit import Fit as Fit
 from .discovery.fit import fit as fit
 from .discovery.fit import fit_steps as fit_steps
@@ -22,6 +21,7 @@ from .discovery.rivals import rivals as rivals
 from .discovery.story import Story as Story
 from .discovery.story import tell as tell
 from .errors import InputError as InputError
+from .inference.estimates import Estimate as Estimate
 from .model.conditions import Conditions as Conditions
 from .model.conditions import Layout as Layout
 from .model.conditions import Probes as Probes

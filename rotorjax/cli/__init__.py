@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import NoReturn
 
 from rotorjax.cli import commands, recordings
+from rotorjax.cli.many import explain_many
 from rotorjax.cli.progress import INTERRUPTED
 from rotorjax.cli.terminal import accept_any_character, complain, leave_output
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
 BAD_INPUT = 2
-MOST_PROBLEMS = 20
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -24,10 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         options.command(options)
     except InputError as error:
-        for problem in error.problems[:MOST_PROBLEMS]:
+        for problem in error.shown():
             complain(problem)
-        if len(error.problems) > MOST_PROBLEMS:
-            complain(f"and {len(error.problems) - MOST_PROBLEMS} more problems")
         return BAD_INPUT
     except KeyboardInterrupt:
         complain("stopped")
@@ -47,7 +45,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
-        prog="rotorjax", description="Hold a rotor model against vibration measurements and find what it lacks."
+        prog="rotorjax", description="Compare a rotor model with vibration measurements and find what it lacks."
     )
     parser.add_argument("--version", action="version", version=f"rotorjax {version('rotorjax')}")
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -67,7 +65,8 @@ def _parser() -> argparse.ArgumentParser:
             "explain", commands.explain, "which effect is missing, how sure, what ties with it, what to measure next"
         )
     )
-    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with standard errors"))
+    _explain_many(command("explain-many", explain_many, "explain every table of a folder, on all processors"))
+    _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
     _vectors(command("vectors", recordings.vectors, "recordings in time to a measurement table"))
     sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
@@ -94,12 +93,34 @@ def _explain(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--rig", type=Path, metavar="RIG.toml", help=rig)
     what = "instead of table and rig file: a rig file whose [recordings] name recordings in time"
     sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
+    _race(sub)
+    _outputs(sub, "write the explained model as a rig file")
+
+
+def _explain_many(sub: argparse.ArgumentParser) -> None:
+    what = (
+        "folder of tables, each with a rig file of the same stem or rig.toml beside it; or list with columns data,rig"
+    )
+    sub.add_argument("source", type=Path, metavar="FOLDER|LIST.csv", help=what)
+    what = "results, one row per table: .parquet, .sqlite or .csv"
+    sub.add_argument("--output", type=Path, required=True, metavar="FILE", help=what)
+    sub.add_argument("--html", type=Path, metavar="FILE.html", help="write an overview, first what needs attention")
+    sub.add_argument("--reports", type=Path, metavar="DIR", help="write a report of every table into this folder")
+    what = "so many processes at one time (default: one per processor)"
+    sub.add_argument("--workers", type=int, metavar="N", help=what)
+    sub.add_argument("--cluster", metavar="ADDRESS", help="use the workers of this Dask scheduler, tcp://host:8786")
+    _race(sub)
+
+
+def _race(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
     sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
-    slips = "also race mistakes in what rig file and table state: rotation, signs, units, exchanged probes or runs, ..."
-    sub.add_argument("--slips", action="store_true", help=slips)
-    _outputs(sub, "write the explained model as a rig file")
+    slips = (
+        "race mistakes in what rig file and table state too (rotation, signs, units, exchanged probes or runs, ...): "
+        "always, or never; by default where nothing else explains the data"
+    )
+    sub.add_argument("--slips", action=argparse.BooleanOptionalAction, help=slips)
 
 
 def _diagnose(sub: argparse.ArgumentParser) -> None:

@@ -90,8 +90,8 @@ def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, flo
     return {label: value - has[label] for label, value in given.items()}
 
 
-def effect_names(flag: str, text: str | None, *, slips: bool = False) -> tuple[str, ...] | None:
-    """Names of effects, separated by commas, all known; of mistakes in rig file and table too, with ``slips``."""
+def effect_names(flag: str, text: str | None, *, slips: bool = True) -> tuple[str, ...] | None:
+    """Names of effects, separated by commas, all known; of mistakes in rig file and table too, but for ``slips``."""
     if text is None:
         return None
     from rotorjax.data.declarations import KINDS
@@ -100,7 +100,7 @@ def effect_names(flag: str, text: str | None, *, slips: bool = False) -> tuple[s
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not slips and (mistakes := [name for name in names if name in KINDS]):
-        raise InputError(f"{flag}: {mistakes[0]} is a mistake in rig file or table: it takes part with --slips only")
+        raise InputError(f"{flag}: {mistakes[0]} is a mistake in rig file or table: it takes no part with --no-slips")
     if unknown := [name for name in names if name not in CATALOG and name not in KINDS]:
         raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest_effect(name, CATALOG)}" for name in unknown))
     if flag == "--only" and not names:
@@ -115,13 +115,13 @@ def check_outputs(options: argparse.Namespace) -> None:
     read = {
         path.resolve(): f"{path} is read"
         for path in (
-            *(getattr(options, n, None) for n in ("data", "rig", "like", "recordings")),
+            *(getattr(options, n, None) for n in ("data", "rig", "like", "source", "recordings")),
             *getattr(options, "files", ()),
         )
         if isinstance(path, Path)
     }
     problems = []
-    for name in ("json", "report", "write_rig", "output"):
+    for name in ("json", "report", "write_rig", "output", "html"):
         path = getattr(options, name, None)
         if path is None:
             continue

@@ -2,8 +2,8 @@
 
 import argparse
 import json
-import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +11,14 @@ from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, p
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.recordings import read_recorded, table_or_recordings
 from rotorjax.cli.terminal import complain, say, terminal_width
+from rotorjax.compilation import use_double_precision
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
     from rotorjax.data.declarations import Slip
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.rig import Rig
-    from rotorjax.discovery.explain import Explanation
+    from rotorjax.discovery.explanation import Explanation
     from rotorjax.discovery.story import Story
     from rotorjax.model.model import Model
 
@@ -29,7 +30,8 @@ def compare(options: argparse.Namespace) -> None:
     check_outputs(options)
     use_double_precision()
     from rotorjax.discovery.story import tell
-    from rotorjax.reporting.comparison import comparison_json, comparison_text
+    from rotorjax.reporting.comparison import comparison_text
+    from rotorjax.reporting.comparison_json import comparison_json
 
     rig, measurement = _read(options)
     slip, named = parse_slip(options.effect, rig.model, measurement)
@@ -37,11 +39,10 @@ def compare(options: argparse.Namespace) -> None:
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
     if already := [effect.name for effect in additions if effect.name in declared]:
         raise InputError(
-            f"--effect {already[0]}: the rig file declares it uncertain, so that it is estimated along in any case; "
-            "leave it out"
+            f"--effect {already[0]}: the rig file declares it uncertain, so that it is fitted in any case; leave it out"
         )
     story = tell(rig.model, measurement, additions, fixed=fixed, slip=slip)
-    say(comparison_text(story, width=terminal_width()))
+    say(comparison_text(story, rig.convention, width=terminal_width()))
     _write_outputs(
         options,
         rig,
@@ -80,25 +81,19 @@ def explain(options: argparse.Namespace) -> None:
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
     only, exclude = (
-        effect_names(flag, text, slips=options.slips)
+        effect_names(flag, text, slips=options.slips is not False)
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:
         progress(f"reading {source}")
         use_double_precision()
+        from rotorjax.batch.explaining import refuse_what_cannot_be_missing
         from rotorjax.discovery.explain import explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
         rig, measurement = read_recorded(options, progress) if options.recordings else _read(options)
-        declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
-        if held := [name for name in only or () if name in rig.model or name in declared]:
-            how = (
-                "declares it uncertain, so that it is estimated along in any case"
-                if held[0] in declared
-                else "has it in [effects] already"
-            )
-            raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
+        refuse_what_cannot_be_missing(only or (), rig, measurement)
         found = explain(
             rig.model,
             measurement,
@@ -150,6 +145,7 @@ def simulate(options: argparse.Namespace) -> None:
     from rotorjax.reporting.tables import wrapped
 
     rig = read_rig(options.rig)
+    _note(rig.notes)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
     if abs(options.seed) > LARGEST_SEED:
@@ -202,31 +198,13 @@ def example(options: argparse.Namespace) -> None:
     say(wrapped(write_example(options.folder, recordings=options.recordings), terminal_width()))
 
 
-def use_double_precision() -> None:
-    """Double precision, and compiled programs kept for the next process."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
-        jax.config.update("jax_compilation_cache_dir", cache)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-
-
-def _cache_folder() -> str | None:
-    """A folder of the user's for compiled programs; none where it cannot be made."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return str(folder)
-
-
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
     from rotorjax.data.rig import read_rig
 
     rig = read_rig(options.rig)
-    return rig, _measurement(options.data, rig)
+    measurement = _measurement(options.data, rig)
+    _note(measurement.notes)
+    return rig, measurement
 
 
 def _measurement(path: Path, rig: "Rig") -> "Measurement":
@@ -234,9 +212,14 @@ def _measurement(path: Path, rig: "Rig") -> "Measurement":
     from rotorjax.data.table import read_table
 
     table = read_table(path, probes=rig.model.layout.probes)
-    for note in table.notes:
-        complain(f"note: {note}")
+    _note(table.notes)
     return rig.measurement(table, path)
+
+
+def _note(notes: Iterable[str]) -> None:
+    """What was tolerated, or looks like a mistake, on standard error."""
+    for note in notes:
+        complain(f"note: {note}")
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

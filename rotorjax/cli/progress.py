@@ -14,19 +14,26 @@ from rotorjax.data.names import harmless
 
 INTERRUPTED = 130
 TICK_S = 1.0
+QUIET_S = 10.0
+"""After which a line is repeated where it cannot be renewed in place, for what takes a minute."""
 
 
 @contextlib.contextmanager
-def progress_line() -> Iterator[Callable[[str], None]]:
+def progress_line(kept: str = "", quiet_s: float = QUIET_S) -> Iterator[Callable[[str], None]]:
     """Says on standard error what is being done and for how long: on a terminal in place, gone at the end, elsewhere a
-    line for every stage.
+    line for every stage, repeated while it goes on.
 
     While it lasts Ctrl-C ends the process at once, in the midst of a compilation too.
+
+    **Arguments:** ``kept``: what is said then, such as where the results so far are; ``quiet_s``: after which a line is
+    repeated where it cannot be renewed in place.
     """
     began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
+    shown = [began]
 
     def show(line: str) -> None:
-        told = f"{time.monotonic() - began:4.0f} s  {harmless(line)}"
+        shown[0] = time.monotonic()
+        told = f"{shown[0] - began:4.0f} s  {harmless(line)}"
         if terminal:
             # What is cut off would stand on a line that the next one does not replace.
             told = f"{told} ..."[: shutil.get_terminal_size().columns - 1]
@@ -38,17 +45,20 @@ def progress_line() -> Iterator[Callable[[str], None]]:
         )
 
     def progress(line: str) -> None:
+        # What goes on is told in place; elsewhere it waits until there has been nothing for a while.
+        new = line.partition(" (")[0] != stage[0].partition(" (")[0]
         stage[0] = line
-        show(line)
+        if terminal or new:
+            show(line)
 
     def tick() -> None:
         while not over.wait(TICK_S):
-            show(stage[0])
+            if stage[0] and (terminal or time.monotonic() - shown[0] >= quiet_s):
+                show(stage[0])
 
-    if terminal:
-        threading.Thread(target=tick, daemon=True).start()
+    threading.Thread(target=tick, daemon=True).start()
     try:
-        with _interruptible():
+        with _interruptible(kept):
             yield progress
     finally:
         over.set()
@@ -57,9 +67,9 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
 
 @contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile, so that
-    nothing is lost.
+def _interruptible(kept: str) -> Iterator[None]:
+    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile but rows
+    of a database, whole or not at all, so that nothing is lost.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -71,7 +81,7 @@ def _interruptible() -> Iterator[None]:
     def wait() -> None:
         while number := woken.recv(1):
             if number[0] == signal.SIGINT:
-                print("\nrotorjax: stopped", file=sys.stderr, flush=True)
+                print(f"\nrotorjax: stopped{'; ' if kept else ''}{harmless(kept)}", file=sys.stderr, flush=True)
                 os._exit(INTERRUPTED)
 
     waiting = threading.Thread(target=wait, daemon=True)

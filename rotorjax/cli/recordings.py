@@ -12,7 +12,6 @@ from rotorjax.errors import InputError
 if TYPE_CHECKING:
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.record_scan import Progress
-    from rotorjax.data.record_vectors import Records
     from rotorjax.data.rig import Rig
 
 
@@ -36,7 +35,7 @@ def vectors(options: argparse.Namespace) -> None:
     with progress_line() as progress:
         rig = read_rig(options.rig)
         records = read_recordings(rig, options.files, orders=orders, sample_rate_hz=rate, progress=progress)
-    _tell(records)
+    _tell([*records.all_notes, *rig.notes])
     rows = [rig.convention.to_table(row) for row in records.rows()]
     write_table(options.output, rows)
     say(recordings_text(records, width=terminal_width()))
@@ -67,11 +66,12 @@ def read_recorded(options: argparse.Namespace, progress: "Progress") -> "tuple[R
 
     rig = read_rig(options.recordings)
     records = read_recordings(rig, progress=progress)
-    _tell(records)
-    return rig, records.measurement(rig)
+    measurement = records.measurement(rig)
+    _tell([*records.all_notes, *measurement.notes])
+    return rig, measurement
 
 
-def _tell(records: "Records") -> None:
+def _tell(notes: list[str]) -> None:
     """Notes on standard error."""
-    for note in [*records.notes, *(note for record in records.records for note in record.notes)]:
+    for note in notes:
         complain(f"note: {note}")

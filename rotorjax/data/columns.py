@@ -90,6 +90,12 @@ def suspicious(rows: Sequence[Row]) -> list[str]:
             f"every speed_rpm is below {SLOW_RPM:g} rpm: if they are in Hz multiply them by 60, if in rad/s by 9.549; "
             "read as rpm"
         )
+    noise = sorted(row.sigma_um for row in rows if row.sigma_um is not None)
+    if noise and 0.0 < max(amplitudes) < noise[len(noise) // 2]:
+        notes.append(
+            f"most of sigma_um is larger than the largest amplitude_um, {max(amplitudes):g} µm, so that nothing can be "
+            "told from noise: check its unit; read as µm"
+        )
     phases = {row.phase_deg for row in rows}
     if len(phases) > FEW and all(abs(p) <= TURN for p in phases) and any(p % 1.0 for p in phases):
         notes.append(

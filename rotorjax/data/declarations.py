@@ -69,6 +69,37 @@ class Slip(NamedTuple):
         return (reversed_rotation(model), measurement) if self.in_mirror else self.corrected(model, measurement)
 
 
+class AmplitudeChange(NamedTuple):
+    """Amplitudes of the whole table too large by a factor, too small where it is below one."""
+
+    kind: str
+    about: tuple[str, ...]
+    factor: float
+    meaning: str
+    cure: str
+
+
+_WRITE = '[convention] amplitude: write "{}"'
+_MILS = "the table: {} amplitude_um and sigma_um by 25.4"
+AMPLITUDE_CHANGES = (
+    AmplitudeChange(
+        "amplitude_doubled",
+        (),
+        2.0,
+        "amplitudes are peak-to-peak where peak is stated",
+        _WRITE.format("peak-to-peak"),
+    ),
+    AmplitudeChange(
+        "amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", _WRITE.format("peak")
+    ),
+    AmplitudeChange("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
+    AmplitudeChange(
+        "amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", _MILS.format("divide")
+    ),
+)
+"""What a factor common to all amplitudes may come from."""
+
+
 def slips(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Slip]:
     """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
     makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs)
@@ -153,15 +184,10 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
     """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
     if m.rms == 0.0:
         return
-    mils = "the table: {} amplitude_um and sigma_um by 25.4"
-    peak = "[convention] amplitude: write"
-    halved = "amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", f'{peak} "peak"'
-    doubled = "amplitude_doubled", (), 2.0, "amplitudes are peak-to-peak where peak is stated", f'{peak} "peak-to-peak"'
-    for kind, about, factor, meaning, cure in (
-        halved if m.knowledge.peak_to_peak else doubled,
-        ("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", mils.format("multiply")),
-        ("amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", mils.format("divide")),
-    ):
+    impossible = "amplitude_doubled" if m.knowledge.peak_to_peak else "amplitude_halved"
+    for kind, about, factor, meaning, cure in AMPLITUDE_CHANGES:
+        if kind == impossible:
+            continue
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
             return _with_participation(model, np.full(len(model.layout.probes), factor)), m

@@ -1,4 +1,4 @@
-"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are held against."""
+"""Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are compared to."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -58,6 +58,8 @@ class Limits(NamedTuple):
     speed_rpm: tuple[float, float] | None = None
     amplitude_um: float | None = None
     trial_weight_g_mm: float | None = None
+    operating_speed_rpm: tuple[float, float] | None = None
+    """Lowest and highest speed at which the machine runs: what separation margins refer to."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Measurement(Shown):
     """Standard error of real and of imaginary part [m], where the noise is known."""
     noise: Literal["given", "repeats", "unknown"] = "unknown"
     knowledge: Knowledge = Knowledge()
+    notes: tuple[str, ...] = ()
+    """What in the rig file or in the table looks like a mistake, one line each."""
 
     @classmethod
     def from_arrays(  # noqa: PLR0913
@@ -164,6 +168,11 @@ class Measurement(Shown):
     def speed_rpm(self) -> Float[np.ndarray, "case"]:
         """Speed of every case."""
         return np.asarray(self.conditions.speed) / RPM
+
+    @property
+    def noise_rms(self) -> float | None:
+        """What the rms over all vectors is of noise alone, sqrt(2 mean sigma²) [m]; none where it is unknown."""
+        return None if self.sigma is None else float(np.sqrt(2.0 * np.mean(self.sigma[self.present] ** 2)))
 
     @property
     def rms(self) -> float:

@@ -63,6 +63,11 @@ class Records:
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
 
+    @property
+    def all_notes(self) -> list[str]:
+        """Those on all recordings, then those on each."""
+        return [*self.notes, *(note for record in self.records for note in record.notes)]
+
     def rows(self) -> list[Row]:
         """Vectors as rows: amplitude zero-to-peak, phase leading; equal speeds of a run are told apart by ``repeat``.
         The standard error holds the shift by the sweep.

@@ -12,8 +12,11 @@ import tomlkit
 from rotorjax.data.declarations import Slip
 from rotorjax.data.files import write_whole
 from rotorjax.data.measurement import Installed, Knowledge, Measurement, Row, arrange
+from rotorjax.data.plausibility import doubts
 from rotorjax.data.rig_edits import put_right
 from rotorjax.data.rig_sections import (
+    TURNS,
+    WEIGHT,
     Convention,
     Plane,
     effects_of,
@@ -66,6 +69,13 @@ class Rig:
     planes: Mapping[str, Plane]
     waveform: Waveform
     """What recordings in time are."""
+    document: Document
+    """The file as read, for the places of what is said about it."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What in it can hardly be meant, one line each."""
+        return tuple(doubts(self.document, self.model))
 
     def measurement(self, table: Table, path: Path) -> Measurement:
         """A table's rows as a measurement of this rig.
@@ -77,7 +87,8 @@ class Rig:
         if problems := [*table.problems, *(self._missing_run(run, table, path) for run in unknown)]:
             raise InputError(*problems)
         rows = [self.convention.to_internal(row) for row in table.rows]
-        return arrange(rows, runs=self.runs, probes=self.model.layout.probes, knowledge=self.knowledge)
+        found = arrange(rows, runs=self.runs, probes=self.model.layout.probes, knowledge=self.knowledge)
+        return dataclasses.replace(found, notes=tuple(doubts(self.document, self.model, found)))
 
     def measurement_of_text(self, text: str, name: str) -> Measurement:
         """A table that was read already, or made, as a measurement of this rig. **Arguments:** ``name``: of the table
@@ -168,14 +179,16 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     document = Document(Path(path))
     for name in document.data:
         if name not in _SECTIONS:
-            document.report((name,), f"unknown section; {nearest(name, _SECTIONS)}")
+            installed = any(word in name for word in ("trial", "weight"))
+            cure = f"what is installed in a run stands under [runs.NAME]: {WEIGHT}" if installed else ""
+            document.report((name,), f"unknown section; {cure or nearest(name, _SECTIONS)}")
     convention_section = document.section("convention")
     convention = Convention(
         convention_section.choice("amplitude", ("peak", "peak-to-peak")),  # type: ignore[arg-type]
         convention_section.choice("phase", ("lead", "lag")),  # type: ignore[arg-type]
         convention_section.choice("weight_angles", ("with-rotation", "against-rotation")),  # type: ignore[arg-type]
     )
-    rotation = convention_section.choice("rotation", ("x-to-y", "y-to-x"))
+    rotation = convention_section.choice("rotation", ("x-to-y", "y-to-x"), TURNS)
     slow_roll = slow_roll_of(convention_section)
     convention_section.close()
     planes = planes_of(document)
@@ -196,7 +209,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     orders = {order for _, _, named in declared for order in named}
     model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
     model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])
-    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, waveform)
+    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, waveform, document)
 
 
 def read_measurement(path: str | Path, rig: Rig) -> Measurement:

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import Installed, Limits, Row, Uncertain
-from rotorjax.data.section import Document, Section, nearest
+from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
@@ -18,6 +18,14 @@ from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
 _ORDER = re.compile(r"[0-9]{1,4}(\.[0-9]{1,6})?X")
 MOST_HOLES = 720
 """For correction masses, every half degree."""
+TURNS = (
+    "write 'x-to-y' where the shaft turns from +x towards +y: with +x to the right and +y up, counterclockwise (ccw) "
+    "is 'x-to-y', clockwise (cw) 'y-to-x'"
+)
+"""Which sense of rotation to write when."""
+WEIGHT = "unbalance = { magnitude_g_mm = 30.0, angle_deg = 0.0 }"
+WEIGHT_CURE = f"a weight is given as mass times radius, 1 g at 30 mm so: {WEIGHT}"
+_WEIGHT_WORDS = ("weight", "mass", "radius", "trial")
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
 
 
@@ -131,6 +139,7 @@ def planes_of(document: Document) -> dict[str, Plane]:
         planes[name] = Plane(
             table.number("participation", 1.0), radius, _holes(table), table.number("first_hole_deg", 0.0)
         )
+        table.asked |= {"radius_mm", "holes"}
         table.close()
     return planes or {"disk": Plane()}
 
@@ -159,6 +168,9 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
         unbalance = np.zeros((len(planes), 2))
         entries = table.raw("unbalance", [])
         for entry in entries if isinstance(entries, list) else [entries]:
+            if not isinstance(entry, dict):
+                table.problem("unbalance", f"must be a table, not {shown(entry)}; {WEIGHT_CURE}")
+                continue
             weight = Section(document, (*table.path, "unbalance"), entry)
             plane = weight.raw("plane", next(iter(planes)))
             if "plane" not in weight and len(planes) > 1:
@@ -166,20 +178,29 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
             elif not isinstance(plane, str) or plane not in planes:
                 weight.problem("plane", f"unknown plane {plane!r}; {nearest(str(plane), planes)}")
                 plane = next(iter(planes))
-            pair = convention.vector(
-                weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE, weight.number("angle_deg", 0.0)
-            )
-            unbalance[list(planes).index(plane)] += pair
-            weight.close()
+            unbalance[list(planes).index(plane)] += convention.vector(_size(weight), weight.number("angle_deg", 0.0))
+            weight.close(WEIGHT_CURE, _WEIGHT_WORDS)
         bow = np.zeros(2)
         if "bow" in table:
             bent = table.table("bow")
             bow = convention.vector(bent.number("magnitude_mm", least=0.0) * 1e-3, bent.number("angle_deg", 0.0))
             bent.close()
-        table.raw("note")
-        table.close()
+        table.asked |= {"bow", "note"}
+        table.close(WEIGHT_CURE, _WEIGHT_WORDS)
         runs[name] = Installed(unbalance, bow)
     return runs
+
+
+def _size(weight: Section) -> float:
+    """Of an installed unbalance [kg m]; a mass and a radius in its place are told as their product."""
+    mass, radius = (weight.data.get(key) for key in ("mass_g", "radius_mm"))
+    if "magnitude_g_mm" not in weight and isinstance(mass, int | float) and isinstance(radius, int | float):
+        weight.problem(
+            "magnitude_g_mm", f"is missing; write magnitude_g_mm = {mass * radius:g} in place of mass_g and radius_mm"
+        )
+        weight.asked |= {"mass_g", "radius_mm"}
+        return math.nan
+    return weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE
 
 
 def form_of(document: Document) -> tuple[float, Literal["auto", "none"]]:
@@ -205,20 +226,20 @@ _UNCERTAIN_PROBES = {
 
 
 def uncertainty_of(document: Document, probes: tuple[str, ...]) -> dict[str, Any]:
-    """What is estimated along, with its standard deviation, as arguments of `Knowledge`."""
+    """What is fitted in every comparison, with its standard deviation, as arguments of `Knowledge`."""
     section = document.section("uncertainty")
     uncertain: list[Uncertain] = []
     for key, (effect, label, logarithmic) in _UNCERTAIN_PAIRS.items():
-        value = section.raw(key, 0.0)
-        common = value.get("common") if isinstance(value, dict) else None
-        if common is not None:
+        common = isinstance(section.data.get(key), dict) and "common" in section.table(key)
+        if common:
             table = section.table(key)
             deviations = dict.fromkeys("xy", table.number("common", least=0.0))
             table.close()
         else:
-            deviations = dict(zip("xy", section.pair(key, least=0.0), strict=True)) if key in section else {}
+            pair = section.pair(key, least=0.0, also=("common",)) if key in section else None
+            deviations = {} if pair is None else dict(zip("xy", pair, strict=True))
         for axis, deviation in deviations.items():
-            group = key if common is not None else f"{key}.{axis}"
+            group = key if common else f"{key}.{axis}"
             uncertain.append(Uncertain(effect, label.format(axis), deviation, logarithmic, group))
     uncertain.append(Uncertain("mass_error", "error", section.number("mass", 0.0, least=0.0), True, "mass"))
     for key, (effect, label, logarithmic, unit) in _UNCERTAIN_PROBES.items():
@@ -237,23 +258,30 @@ def uncertainty_of(document: Document, probes: tuple[str, ...]) -> dict[str, Any
 
 
 def limits_of(document: Document) -> Limits:
-    """What a next measurement may ask for."""
+    """What a next measurement may ask for, and where the machine runs."""
     section = document.section("limits")
-    speeds = section.raw("speed_rpm")
-    pair = None
-    if speeds is not None:
-        if isinstance(speeds, list) and len(speeds) == 2:
-            low, high = (section.checked("speed_rpm", speed, above=0.0) for speed in speeds)
-            pair = low, high
-            if low >= high:
-                section.problem("speed_rpm", "must rise; write [lowest, highest]")
-        else:
-            section.problem("speed_rpm", f"must be [lowest, highest], not {speeds!r}")
+    speeds = _speeds(section, "speed_rpm") if "speed_rpm" in section else None
     amplitude = section.number("amplitude_um", above=0.0) if "amplitude_um" in section else None
     weight = section.number("trial_weight_g_mm", above=0.0) if "trial_weight_g_mm" in section else None
-    section.asked |= {"amplitude_um", "trial_weight_g_mm"}
+    operating, key = None, "operating_speed_rpm"
+    if key in section:
+        one = section.raw(key)
+        alone = math.nan if isinstance(one, list) else section.number(key, above=0.0)
+        operating = _speeds(section, key) if isinstance(one, list) else (alone, alone)
     section.close()
-    return Limits(pair, amplitude, weight)
+    return Limits(speeds, amplitude, weight, operating)
+
+
+def _speeds(section: Section, key: str) -> tuple[float, float] | None:
+    """A range of speeds [rpm]."""
+    speeds = section.raw(key)
+    if not (isinstance(speeds, list) and len(speeds) == 2):
+        section.problem(key, f"must be [lowest, highest], not {speeds!r}")
+        return None
+    low, high = (section.checked(key, speed, above=0.0) for speed in speeds)
+    if low >= high:
+        section.problem(key, "must rise; write [lowest, highest]")
+    return low, high
 
 
 def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[str, dict[str, float]]:
@@ -265,7 +293,6 @@ def priors_of(document: Document, catalog: Mapping[str, type[Effect]]) -> dict[s
             continue
         declared = [p.name for p in catalog[name].parameters()]
         priors[name] = {key: table.number(key, above=0.0) for key in declared if key in table}
-        table.asked |= set(declared)
         table.close()
     return priors
 

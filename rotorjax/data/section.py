@@ -33,7 +33,7 @@ def close_to(name: str, known: Iterable[str], likeness: float) -> list[str]:
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` or the list of what is known: the end of a message about an unknown name."""
     names = sorted(known)
-    near = close_to(name, names, 0.5) or [known for known in names if name and name in known][:1]
+    near = close_to(name, names, 0.5) or [one for one in names if name and (name in one or one in name)][:1]
     if near:
         return f"did you mean {near[0]!r}?"
     return f"known here: {', '.join(names)}" if names else "remove it"
@@ -131,6 +131,7 @@ class Section:
     def __init__(self, document: Document, path: tuple[str, ...], data: Any):
         self.document, self.path = document, path
         self.asked: set[str] = set()
+        """Keys that were asked for: all that may be here, also those that are not."""
         self.reported = not isinstance(data, dict)
         """Whether this is no table at all, so that what it lacks needs no message of its own."""
         if not isinstance(data, dict):
@@ -139,6 +140,7 @@ class Section:
         self.data: dict[str, Any] = data
 
     def __contains__(self, key: str) -> bool:
+        self.asked.add(key)
         return key in self.data
 
     def problem(self, key: str, rule: str) -> None:
@@ -168,7 +170,8 @@ class Section:
     def checked(self, key: str, value: Any, *, above: float = -math.inf, least: float = -math.inf) -> float:
         """The same check for a value found elsewhere."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.problem(key, f"must be a number, not {shown(value)}")
+            bare = "; write it without quotes and without unit" if isinstance(value, str) else ""
+            self.problem(key, f"must be a number, not {shown(value)}{bare}")
         elif isinstance(value, float) and not math.isfinite(value):
             self.problem(key, f"must be finite, not {value}")
         elif abs(value) > LARGEST:
@@ -181,8 +184,10 @@ class Section:
             return float(value)
         return math.nan
 
-    def pair(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> tuple[float, float]:
-        """``{ x = 1.0, y = 2.0 }``, or one number for both."""
+    def pair(
+        self, key: str, *, above: float = -math.inf, least: float = -math.inf, also: tuple[str, ...] = ()
+    ) -> tuple[float, float]:
+        """``{ x = 1.0, y = 2.0 }``, or one number for both. **Arguments:** ``also``: keys that may be there instead."""
         value = self.raw(key)
         if value is None:
             self.missing(key, "give { x = ..., y = ... }")
@@ -191,15 +196,22 @@ class Section:
             one = self.checked(key, value, above=above, least=least)
             return one, one
         table = Section(self.document, (*self.path, key), value)
+        table.asked |= set(also)
         both = table.number("x", above=above, least=least), table.number("y", above=above, least=least)
         table.close()
         return both
 
-    def choice(self, key: str, options: tuple[str, ...]) -> str:
-        """One of a few words; the first is the default."""
+    def choice(self, key: str, options: tuple[str, ...], cure: str = "") -> str:
+        """One of a few words; the first is the default. **Arguments:** ``cure``: which to write when, for those who
+        wrote something else.
+        """
         value = self.raw(key, options[0])
         if value not in options:
-            self.problem(key, f"{shown(value)} is not one of {', '.join(map(repr, options))}")
+            near = close_to(value, options, 0.5) if isinstance(value, str) else []
+            end = cure or "".join(f"did you mean {name!r}?" for name in near)
+            self.problem(
+                key, f"{shown(value)} is not one of {', '.join(map(repr, options))}{f'; {end}' if end else ''}"
+            )
             return options[0]
         return value
 
@@ -218,8 +230,11 @@ class Section:
         """Every entry as a table of its own."""
         return [(key, self.table(key)) for key in self.data]
 
-    def close(self) -> None:
-        """Report the keys that nobody asked for."""
+    def close(self, cure: str = "", words: tuple[str, ...] = ()) -> None:
+        """Report the keys that nobody asked for. **Arguments:** ``cure``: what to write instead of keys that hold one
+        of these ``words``.
+        """
         for key in self.data:
             if key not in self.asked:
-                self.problem(key, f"unknown key; {nearest(key, self.asked)}")
+                meant = cure and any(word in key for word in words)
+                self.problem(key, f"unknown key; {cure if meant else nearest(key, self.asked)}")

@@ -160,9 +160,11 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
         return header.place(place, name)
 
     def number(name: str, least: float, *, strict: bool) -> float:
-        value = _number(cells[header.columns[name]], decimal_comma=header.delimiter == ";")
+        written = cells[header.columns[name]]
+        # Orders are also written as they are said: 1X.
+        plain = written.removesuffix("X").removesuffix("x") if name == "order" else written
+        value = _number(plain, decimal_comma=header.delimiter == ";")
         if value is None:
-            written = cells[header.columns[name]]
             cure = "leave out the separator of thousands" if _THOUSANDS.fullmatch(written) else "write it like 12.5"
             problems.append(f"{where(name)}: {written!r} is not a finite number; {cure}{_as_commas(header)}")
             return math.nan

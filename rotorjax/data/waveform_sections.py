@@ -79,7 +79,6 @@ def waveform_of(document: Document, probes: Collection[str], runs: Collection[st
     if slow_roll is not None and (not isinstance(slow_roll, str) or not slow_roll):
         section.problem("slow_roll", f"must be the name of a recording, not {slow_roll!r}")
         slow_roll = None
-    section.asked |= {"sample_rate_hz", "reference", "time", "orders", *probes}
     section.close()
     # A rig file that maps no probe has recordings whose channels are called as the probes are.
     return Waveform(
@@ -114,7 +113,6 @@ def _channel_of(table: Section) -> Channel:
     scale = table.number("scale") if "scale" in table else None
     if scale == 0.0:
         table.problem("scale", f"must not be zero: it is the {unit} for each number of the file")
-    table.asked |= {key, "scale"}
     table.close()
     return Channel(channel, unit, sensitivity, scale)
 
@@ -157,6 +155,5 @@ def _recordings_of(document: Document, runs: Collection[str]) -> tuple[Recorded,
             table.problem("run", f"unknown run {run!r}{by_default}; {nearest(run, runs)}")
         speed = table.number("speed_rpm", above=0.0) if "speed_rpm" in table else None
         found.append(Recorded(file, run, speed))
-        table.asked.add("speed_rpm")
         table.close()
     return tuple(found)

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from rotorjax.data.rig_sections import Convention, Plane
-from rotorjax.inference.faults import response_to
+from rotorjax.diagnosis.fault import Fault
+from rotorjax.inference.faults import fault_sensitivity, response_to
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 
@@ -20,6 +21,8 @@ class InHole(NamedTuple):
 
     hole: int
     """Counted from one, the first at `Plane.first_hole_deg`, in the direction in which angles count."""
+    angle_deg: float
+    """Where it is, as the rig file counts."""
     mass_kg: float
 
 
@@ -29,25 +32,25 @@ class Correction:
 
     name: str
     plane: Plane
-    unbalance: Float[np.ndarray, "dof"]
+    unbalance: Fault
     """In this plane, (x, y) [kg m]."""
-    covariance: Float[np.ndarray, "dof dof"]
-    """Of it [kg² m²]."""
     mass: float
     """Of the rotor [kg]."""
     speed: float
     """At which the grade counts [rad/s]."""
     convention: Convention
+    speed_is: str = "the highest operating speed"
+    """Which speed that is, in words."""
 
     @property
     def size(self) -> float:
         """Of the unbalance, and of the correction [kg m]."""
-        return float(np.hypot(*self.unbalance))
+        return self.unbalance.magnitude
 
     @property
     def angle_deg(self) -> float:
         """Where the unbalance is, as the rig file counts."""
-        return self.convention.angle_deg(self.unbalance) % 360.0
+        return self.convention.angle_deg(self.unbalance.pair) % 360.0
 
     @property
     def correction_angle_deg(self) -> float:
@@ -55,15 +58,15 @@ class Correction:
         return (self.angle_deg + 180.0) % 360.0
 
     @property
-    def standard_error(self) -> float:
-        """Of the correction's size [kg m]."""
-        along = self.unbalance / self.size if self.size > 0.0 else np.array([1.0, 0.0])
-        return math.sqrt(float(along @ self.covariance @ along))
-
-    @property
     def left(self) -> float:
         """Unbalance to be expected after the correction: the root mean square of its error [kg m]."""
-        return math.sqrt(float(np.trace(self.covariance)))
+        assert self.unbalance.covariance is not None
+        return math.sqrt(float(np.trace(self.unbalance.covariance)))
+
+    @property
+    def left_below(self) -> float:
+        """Bound (95 %) of the unbalance after the correction, if it is installed exactly [kg m]."""
+        return self.unbalance.reach
 
     def grade(self, unbalance: float) -> float:
         """Balance quality grade G = e Ω [mm/s], e the unbalance that acts on the disk over the rotor's mass."""
@@ -84,14 +87,33 @@ class Correction:
             math.radians(self.correction_angle_deg - self.plane.first_hole_deg) % (2.0 * math.pi), pitch
         )
         parts = math.sin(pitch - share) / math.sin(pitch), math.sin(share) / math.sin(pitch)
-        return tuple(InHole((int(place) + k) % holes + 1, mass * part) for k, part in enumerate(parts))
+        found = []
+        for k, part in enumerate(parts):
+            hole = (int(place) + k) % holes
+            angle = (self.plane.first_hole_deg + hole * 360.0 / holes) % 360.0
+            found.append(InHole(hole + 1, angle, mass * part))
+        return tuple(found)
 
 
-def before_and_after(
-    model: Model, correction: Correction, speed_rpm: Float[np.ndarray, "speed"]
-) -> tuple[Complex[np.ndarray, "speed probe order"], ...]:
-    """What the probes show with nothing installed, and with the correction [m]."""
+class Prediction(NamedTuple):
+    """Vibration vectors with nothing installed, before and after a correction [m]."""
+
+    before: Complex[np.ndarray, "speed probe order"]
+    after: Complex[np.ndarray, "speed probe order"]
+    error: Float[np.ndarray, "speed probe order"]
+    """Bound (95 %) of what the error of the unbalance adds to the size of `after`."""
+
+
+def predicted(model: Model, correction: Correction, speed_rpm: Float[np.ndarray, "speed"]) -> Prediction:
+    """What the probes show with nothing installed, and with the correction.
+
+    The error is the largest |J e| over the 95 % region of the unbalance, J its influence on the vector, of the model
+    without forces that depend on motion.
+    """
     conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
-    none = np.zeros((len(speed_rpm), 4))
-    corrected = none - np.concatenate([correction.plane.participation * correction.unbalance, np.zeros(2)])
-    return tuple(response_to(model, conditions, faults) for faults in (none, corrected))
+    share, none = correction.plane.participation, np.zeros((len(speed_rpm), 4))
+    corrected = none - np.concatenate([share * correction.unbalance.pair, np.zeros(2)])
+    before, after = (response_to(model, conditions, faults) for faults in (none, corrected))
+    slopes = share * fault_sensitivity(model, conditions)[..., :2]
+    error = np.linalg.norm(slopes @ correction.unbalance.region, axis=(-2, -1), ord=2)
+    return Prediction(before, after, error)

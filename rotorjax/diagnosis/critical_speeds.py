@@ -1,89 +1,195 @@
-"""Critical speeds and amplification factors of a rotor, read off its response to unbalance as API 684 does."""
+"""Critical speeds of a rotor: where one of its whirl modes comes into resonance with unbalance."""
 
-from typing import NamedTuple
+import math
+from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Complex, Float
 
-from rotorjax.inference.faults import fault_sensitivity
-from rotorjax.model.conditions import Conditions
+from rotorjax.inference.whirl_modes import RotorInTime, WhirlModes
 from rotorjax.model.model import Model
 from rotorjax.units import RPM
 
-COARSE, FINE = 2001, 801
-"""Speeds at which peaks are looked for, and speeds about each peak."""
-ABOUT = 0.06
-"""Share of a peak's speed on either side of it that the second look takes."""
-SAME = 0.003
-"""Relative difference up to which peaks of two probes are one critical speed."""
+LOWEST, HIGHEST = 0.1, 3.0
+"""Where critical speeds are looked for, in the speeds that stiffness over mass says."""
+COARSE, FINE = 641, 641
+"""Speeds at which crossings are looked for, and speeds about a peak from which its width is read."""
+STEPS, SETTLED = 6, 1e-7
+"""Secant steps to a crossing, and the relative difference of frequency and speed there."""
+SAME = 1e-6
+"""Relative difference of eigenvalues up to which two modes are one: those of a rotor that is the same all round."""
+MOST_DAMPED = math.sqrt(0.5)
+"""Damping ratio from which on a mode has no peak in its response (Genta 2005, section 1.3)."""
+EXCITED = 0.1
+"""Part of the response at its own critical speed below which a mode shows no peak: it whirls against the unbalance."""
+ALONE = 5.0
+"""Half-power widths to the next mode from which on a peak's width is its own: the other mode changes it by
+(1 / (2 · 5))², 1 %.
+"""
+CIRCULAR = 0.5
+"""Minor over major axis of a mode's orbit from which on it is called forward or backward."""
+
+Whirl = Literal["forward", "backward", "elliptic"]
 
 
 class CriticalSpeed(NamedTuple):
-    """A speed at which the response to unbalance, over speed squared, peaks."""
+    """A speed that equals the natural frequency of a whirl mode which unbalance excites."""
 
     speed_rpm: float
+    """Ω = |s(Ω)|: the undamped natural frequency of the mode, at the speed itself."""
+    damping_ratio: float
+    """ζ = -Re(s) / |s| of the mode's eigenvalue s at this speed; negative where the mode grows."""
     amplification: float | None
-    """Speed over the width of the peak at 0.707 of its height (API RP 684); none where the response does not fall that
-    far about it.
+    """Amplification factor; none without damping, and where the mode grows."""
+    from_width: bool
+    """Whether the amplification factor is speed over the width of the peak at 0.707 of its height (half-power method,
+    API RP 684); else, where another mode is too near, it is 1 / (2ζ).
+    """
+    whirl: Whirl
+    """Of the disk: "elliptic" where its orbit is flatter than one half."""
+    direction_deg: float
+    """Of the orbit's major axis, from +x towards +y, above -90° up to 90°."""
+    amplitude_um: dict[str, float] | None = None
+    """Amplitude at 1X, zero-to-peak, probe by probe, with nothing installed; none where the model has nothing that
+    excites it, or forces that depend on motion.
     """
 
     @property
-    def damping_ratio(self) -> float | None:
-        """One over twice the amplification factor: what a single lightly damped mode has."""
-        return None if self.amplification is None else 0.5 / self.amplification
+    def log_decrement(self) -> float:
+        """δ = 2πζ / √(1 - ζ²), 1: logarithmic decrement of the mode (API RP 684)."""
+        return log_decrement(self.damping_ratio)
 
 
-def critical_speeds(model: Model) -> tuple[CriticalSpeed, ...]:
-    """Critical speeds of the rotor without forces that depend on motion, the lowest first.
+def log_decrement(damping_ratio: float) -> float:
+    """δ = 2πζ / √(1 - ζ²), 1; infinite from critical damping on."""
+    return math.inf if damping_ratio >= 1.0 else 2.0 * math.pi * damping_ratio / math.sqrt(1.0 - damping_ratio**2)
 
-    Looked for between 0.3 and 2 times what stiffness over mass says, with probes as they are in the ``model``.
-    **Source:** API RP 684 (2005), sections 1.2 and 2.2: amplification factor N_c / (N_2 - N_1), half-power method.
+
+def critical_speeds(model: Model) -> tuple[CriticalSpeed, ...] | None:
+    """Critical speeds of the rotor without forces that depend on motion, the lowest first; without amplitudes.
+
+    Looked for between 0.1 and 3 times what stiffness over mass says. Modes that are damped out (ζ above 0.707), and
+    modes that unbalance does not excite, such as backward whirl of a rotor that is the same all round, have none.
+    **Returns** none where an effect depends on frequency as no spring, damper or mass does.
+    **Source:** eigenvalues as in Genta, Dynamics of Rotating Systems, Springer 2005, sections 1.3 and 2.3; API RP 684
+    (2005), sections 1.2 and 2.2.
     """
-    model = model if 1.0 in model.layout.orders else model.with_orders((1.0,))
-    nominal = np.sqrt(np.asarray(model.rotor.stiffness) / float(model.rotor.mass)) / RPM
-    wide = np.linspace(0.3 * nominal.min(), 2.0 * nominal.max(), COARSE)
-    size, found = _size(model, wide), []
-    for probe in range(size.shape[1]):
-        for peak in _peaks(size[:, probe]):
-            near = wide[peak] * np.linspace(1.0 - ABOUT, 1.0 + ABOUT, FINE)
-            there = _size(model, near)[:, probe]
-            inner = [k for k in _peaks(there) if abs(near[k] - wide[peak]) <= 2.0 * (wide[1] - wide[0])]
-            if inner:
-                found.append(_read_off(near, there, max(inner, key=lambda k: there[k])))
-    distinct: list[CriticalSpeed] = []
-    for one in sorted(found, key=lambda c: -(c.amplification or 0.0)):
-        if all(abs(one.speed_rpm / other.speed_rpm - 1.0) > SAME for other in distinct):
-            distinct.append(one)
-    return tuple(sorted(distinct, key=lambda c: c.speed_rpm))
+    rotor = RotorInTime(model)
+    nominal = natural_speeds_rpm(model)
+    speeds = np.geomspace(LOWEST * nominal.min(), HIGHEST * nominal.max(), COARSE)
+    wide = rotor.modes(speeds)
+    if wide is None:
+        return None
+    crossings = _crossings(rotor, speeds, np.sort(wide.frequency, axis=1) - wide.speed[:, None])
+    if not len(crossings):
+        return ()
+    there = rotor.modes(crossings)
+    if there is None:
+        return None
+    found = [one for k, speed in enumerate(crossings) for one in _resonant(there, k, speed)]
+    return tuple(_with_width(rotor, one, found) for one in found)
 
 
 def critical_speeds_rpm(model: Model) -> Float[np.ndarray, "speed"]:
-    """The speeds alone."""
-    return np.array([one.speed_rpm for one in critical_speeds(model)])
+    """The speeds alone; none where they are not known."""
+    return np.array([one.speed_rpm for one in critical_speeds(model) or ()])
 
 
-def _size(model: Model, speed_rpm: Float[np.ndarray, "speed"]) -> Float[np.ndarray, "speed probe"]:
-    """Response of every probe to a unit unbalance, over speed squared."""
-    conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
-    once = fault_sensitivity(model, conditions)[:, :, model.layout.orders.index(1.0), :, 0]
-    return np.linalg.norm(once, axis=-1) / speed_rpm[:, None] ** 2
+def natural_speeds_rpm(model: Model) -> Float[np.ndarray, "dof"]:
+    """√(k / M) along x and y of the rotor without effects, whatever its damping."""
+    return np.sqrt(np.asarray(model.rotor.stiffness) / float(model.rotor.mass)) / RPM
 
 
-def _peaks(size: Float[np.ndarray, "speed"]) -> list[int]:
-    return [int(k) + 1 for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:]))]
+def _crossings(
+    rotor: RotorInTime, speeds: Float[np.ndarray, "speed"], beyond: Float[np.ndarray, "speed state"]
+) -> Float[np.ndarray, "_"]:
+    """Speeds at which a natural frequency equals the speed, rising. **Arguments:** ``beyond``: the natural frequencies
+    less the speed, sorted, so that each column is continuous.
+    """
+    at, column = np.nonzero((beyond[:-1] > 0.0) != (beyond[1:] > 0.0))
+    if not len(at):
+        return np.zeros(0)
+    low, high = speeds[at], speeds[at + 1]
+    below, above = beyond[at, column], beyond[at + 1, column]
+    middle, rest = low, below
+    for _ in range(STEPS):
+        middle = low - below * (high - low) / np.where(above == below, 1.0, above - below)
+        modes = rotor.modes(middle)
+        if modes is None:
+            return np.zeros(0)
+        rest = np.take_along_axis(np.sort(modes.frequency, axis=1), column[:, None], 1)[:, 0] - modes.speed
+        same = (rest > 0.0) == (below > 0.0)
+        low, below = np.where(same, middle, low), np.where(same, rest, below)
+        high, above = np.where(same, high, middle), np.where(same, above, rest)
+    settled = np.sort(middle[np.abs(rest) <= SETTLED * middle * RPM])
+    return settled[np.diff(settled, prepend=0.0) > SETTLED * settled]
 
 
-def _read_off(speed_rpm: Float[np.ndarray, "speed"], size: Float[np.ndarray, "speed"], peak: int) -> CriticalSpeed:
-    """The width at half power; twice one half of it where another peak hides the other."""
-    halves = []
+def _resonant(modes: WhirlModes, k: int, speed_rpm: float) -> list[CriticalSpeed]:
+    """Modes whose natural frequency is the speed, at one of several speeds."""
+    speed, values, shares = modes.speed[k], modes.eigenvalue[k], modes.unbalance_share[k]
+    here = modes.whirls[k] & (np.abs(modes.frequency[k] / speed - 1.0) <= 10.0 * SETTLED)
+    here &= modes.damping_ratio[k] < MOST_DAMPED
+    whole, found = float(np.linalg.norm(shares.sum(axis=0))), []
+    for alike in _groups(values, here):
+        share = shares[alike].sum(axis=0)
+        if np.linalg.norm(share) >= EXCITED * whole:
+            ratio = float(np.mean(modes.damping_ratio[k][alike]))
+            factor = 0.5 / ratio if ratio > 0.0 else None
+            found.append(CriticalSpeed(float(speed_rpm), ratio, factor, False, *orbit_of(share, modes.spin)))
+    return sorted(found, key=lambda one: one.direction_deg)
+
+
+def _groups(values: Complex[np.ndarray, "state"], here: Bool[np.ndarray, "state"]) -> list[list[int]]:
+    """Indices of the eigenvalues chosen, equal ones together."""
+    groups: list[list[int]] = []
+    for i in np.flatnonzero(here):
+        group = next((g for g in groups if abs(values[i] - values[g[0]]) <= SAME * abs(values[i])), None)
+        if group is None:
+            groups.append([int(i)])
+        else:
+            group.append(int(i))
+    return groups
+
+
+def orbit_of(motion: Complex[np.ndarray, "dof"], spin: int) -> tuple[Whirl, float]:
+    """Sense of whirl of an orbit Re[(x, y) e^{iωt}], and the direction of its major axis [degrees]."""
+    turning = 0.5 * (motion[0] + 1j * motion[1])
+    against = 0.5 * np.conj(motion[0] - 1j * motion[1])
+    major, minor = abs(turning) + abs(against), (abs(turning) - abs(against)) * spin
+    direction = math.degrees(0.5 * (np.angle(turning) + np.angle(against)))
+    whirl: Whirl = "elliptic" if abs(minor) < CIRCULAR * major else "forward" if minor > 0.0 else "backward"
+    return whirl, 90.0 - (90.0 - direction) % 180.0
+
+
+def _with_width(rotor: RotorInTime, one: CriticalSpeed, every: list[CriticalSpeed]) -> CriticalSpeed:
+    """The amplification factor from the width of the peak, where no other mode is near."""
+    width = 2.0 * one.damping_ratio * one.speed_rpm
+    others = [other for other in every if other is not one]
+    if width <= 0.0 or any(abs(other.speed_rpm - one.speed_rpm) < ALONE * width for other in others):
+        return one
+    near = np.linspace(max(one.speed_rpm - 2.0 * width, 0.2 * one.speed_rpm), one.speed_rpm + 2.0 * width, FINE)
+    motion = rotor.unbalance_response(near)
+    factor = None if motion is None else _half_power(near, _major(motion))
+    return one if factor is None else one._replace(amplification=factor, from_width=True)
+
+
+def _major(motion: Complex[np.ndarray, "speed dof"]) -> Float[np.ndarray, "speed"]:
+    """Half the major axis of every orbit."""
+    return 0.5 * (np.abs(motion[:, 0] + 1j * motion[:, 1]) + np.abs(motion[:, 0] - 1j * motion[:, 1]))
+
+
+def _half_power(speed_rpm: Float[np.ndarray, "speed"], size: Float[np.ndarray, "speed"]) -> float | None:
+    """N_c / (N_2 - N_1) of the peak within these speeds; none where the response does not fall to 0.707 on both
+    sides.
+    """
+    peak = int(np.argmax(size))
+    half, edges = math.sqrt(0.5) * size[peak], []
     for side in (np.arange(peak, -1, -1), np.arange(peak, len(size))):
-        below = np.flatnonzero(size[side] < np.sqrt(0.5) * size[peak])
-        rises = np.flatnonzero(size[side] > size[peak])
-        if len(below) and not (len(rises) and rises[0] < below[0]):
-            outer, inner = side[below[0]], side[below[0] - 1]
-            share = (size[inner] - np.sqrt(0.5) * size[peak]) / (size[inner] - size[outer])
-            halves.append(
-                abs(float(speed_rpm[inner] + share * (speed_rpm[outer] - speed_rpm[inner]) - speed_rpm[peak]))
-            )
-    width = 2.0 * float(np.mean(halves)) if halves else None
-    return CriticalSpeed(float(speed_rpm[peak]), None if not width else float(speed_rpm[peak]) / width)
+        below = np.flatnonzero(size[side] < half)
+        if not len(below):
+            return None
+        outer, inner = side[below[0]], side[below[0] - 1]
+        share = (size[inner] - half) / (size[inner] - size[outer])
+        edges.append(speed_rpm[inner] + share * (speed_rpm[outer] - speed_rpm[inner]))
+    return float(speed_rpm[peak] / (edges[1] - edges[0]))

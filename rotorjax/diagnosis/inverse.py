@@ -1,4 +1,4 @@
-"""The linear inverse: unbalance and bow from measured vectors by least squares, and whether they can be told apart."""
+"""The linear inverse: unbalance and bow from measured vectors by least squares, and whether they are separable."""
 
 import dataclasses
 import math
@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair, require_float64
 from rotorjax.data.measurement import Measurement
-from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
+from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm, natural_speeds_rpm
+from rotorjax.diagnosis.fault import Fault
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance, response_to
 from rotorjax.inference.space import Space, make_space, with_company
 from rotorjax.model.conditions import Conditions
@@ -21,52 +22,13 @@ HEALTHY_SPREADS = 4.0
 ENTANGLED = 10.0
 """Growth of a standard error, by the other fault being free, above which two faults count as entangled."""
 RESOLVED = 2.0
-"""An entangled fault is still told apart if it is this many standard errors large."""
+"""An entangled fault is still separable if it is this many standard errors large."""
 NEAR_PEAK = 0.1
 """Half width of the band around a resonance that is not proposed for measuring: there the model's own error rules."""
+MODEL_FAILS = "the model does not hold here"
+"""How the reason begins where the misfit is above the noise."""
 PASSES = 3
 """Gauss-Newton passes over the uncertain values; without any the map is linear and one is exact."""
-
-
-class Fault(NamedTuple):
-    """A rotating vector as an (x, y) pair in SI, with its covariance; none where the data do not determine it."""
-
-    pair: Float[np.ndarray, "dof"]
-    covariance: Float[np.ndarray, "dof dof"] | None
-
-    @property
-    def magnitude(self) -> float:
-        """Length of the vector, SI."""
-        return float(np.hypot(*self.pair))
-
-    @property
-    def angle_deg(self) -> float:
-        """Angle from +x in the sense of rotation."""
-        return math.degrees(math.atan2(self.pair[1], self.pair[0]))
-
-    @property
-    def standard_error(self) -> float | None:
-        """Of the magnitude: across-section of the error ellipse along the vector."""
-        return None if self.covariance is None else self._error_along(self.pair)
-
-    @property
-    def angle_standard_error_deg(self) -> float | None:
-        """Of the angle; 180 where the vector is within its error of zero."""
-        if self.covariance is None:
-            return None
-        across = self._error_along(np.array([-self.pair[1], self.pair[0]]))
-        return math.degrees(math.atan2(across, self.magnitude)) if self.magnitude > across else 180.0
-
-    @property
-    def largest_error(self) -> float:
-        """Standard error along the worst direction; infinite if nothing determines it."""
-        return math.inf if self.covariance is None else float(np.sqrt(np.linalg.eigvalsh(self.covariance)[-1]))
-
-    def _error_along(self, direction: np.ndarray) -> float:
-        assert self.covariance is not None
-        size = np.hypot(*direction)
-        unit = direction / size if size > 0.0 else np.array([1.0, 0.0])
-        return float(np.sqrt(max(unit @ self.covariance @ unit, 0.0)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +45,8 @@ class RunDiagnosis:
     """If not identifiable: the unbalance that would account for the most of it without any bow."""
     reduced_chi2: float | None
     """Squared residual in squared standard errors per degree of freedom; well above one, the model does not hold."""
+    model_holds: bool | None
+    """Whether the misfit is within the noise; none where the noise is not known, or no reading is left over."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,7 +86,7 @@ def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ..
 
     z - z_0 = J (U_x, U_y, s_x, s_y): the map is linear (Huang et al. 2026, Sensors 26:2565, equations 5-9). Found is
     all that drives the run, what was installed included. What the user declared uncertain of rotor and probes is
-    estimated along, one value for all runs, and widens the errors. Covariance from the joint normal equations, times
+    fitted beside, one value for all runs, and widens the errors. Covariance from the joint normal equations, times
     the reduced chi-square where that exceeds one; with unknown noise the residual gives it.
 
     **Arguments:** ``model`` of rotor and reading, its own faults not counted; ``measurement``; ``reference``: runs
@@ -258,7 +222,8 @@ def _solution(index: int, rows: _Rows, answer: np.ndarray, covariance: np.ndarra
     curvature = rows.slopes[:, :2].T @ rows.slopes[:, :2]
     regular = len(rows.target) >= 2 and np.linalg.cond(curvature) < 1e12
     pair = np.linalg.solve(curvature, rows.slopes[:, :2].T @ rows.target) if regular else np.full(2, np.nan)
-    alone = Fault(pair, np.linalg.inv(curvature) * scale if regular and scale else None)
+    lost = math.inf if known else freedom
+    alone = Fault(pair, np.linalg.inv(curvature) * scale if regular and scale else None, lost)
     return _Solution(
         faults, covariance[own, own], rows.slopes.T @ rows.slopes, alone, rank, freedom, chi2 if known else None, scale
     )
@@ -287,6 +252,7 @@ def _inherent(
         alone=Fault(
             np.mean([s.alone.pair - installed[k, :2] for k, s in zip(chosen, each, strict=True)], axis=0),
             each[0].alone.covariance,
+            each[0].alone.freedom,
         ),
         scale=max(scales) if len(scales) == len(each) else None,
         chi2=max((s.chi2 for s in each if s.chi2 is not None), default=None),
@@ -294,28 +260,31 @@ def _inherent(
 
 
 def _shifted(solution: _Solution, inherent: _Solution) -> _Solution:
+    ratio = (inherent.scale or 1.0) / (solution.scale or 1.0)
     return solution._replace(
         faults=solution.faults - inherent.faults,
-        covariance=solution.covariance + inherent.covariance,
-        alone=Fault(solution.alone.pair - inherent.alone.pair, solution.alone.covariance),
+        covariance=solution.covariance + ratio * inherent.covariance,
+        alone=solution.alone._replace(pair=solution.alone.pair - inherent.alone.pair),
     )
 
 
 def _judge(run: str, solution: _Solution, model: Model, measurement: Measurement, index: int) -> RunDiagnosis:
     covariance = None if solution.scale is None else solution.scale * solution.covariance
     blocks = (covariance[:2, :2], covariance[2:, 2:]) if covariance is not None else (None, None)
-    unbalance, bow = Fault(solution.faults[:2], blocks[0]), Fault(solution.faults[2:], blocks[1])
+    lost = math.inf if measurement.sigma is not None else solution.freedom
+    unbalance, bow = (Fault(solution.faults[k : k + 2], blocks[k // 2], lost) for k in (0, 2))
     reason = _why_not(unbalance, bow, solution, model, measurement, index)
     alone = solution.alone if reason and np.all(np.isfinite(solution.alone.pair)) else None
+    holds = None if solution.chi2 is None else not _fails(solution)
     if solution.rank < 4 or model.slow_roll is not None:
-        return RunDiagnosis(run, None, None, False, reason, alone, solution.chi2)
-    return RunDiagnosis(run, unbalance, bow, not reason, reason, alone, solution.chi2)
+        return RunDiagnosis(run, None, None, False, reason, alone, solution.chi2, holds)
+    return RunDiagnosis(run, unbalance, bow, not reason, reason, alone, solution.chi2, holds)
 
 
 def _why_not(
     unbalance: Fault, bow: Fault, solution: _Solution, model: Model, measurement: Measurement, index: int
 ) -> str:
-    """Why unbalance and bow cannot be told apart, with a cure; empty if they can."""
+    """Why unbalance and bow are not separable, with a cure; empty if they are."""
     if hopeless := _hopeless(solution, model):
         return hopeless
     resolved = all(fault.magnitude >= RESOLVED * fault.largest_error for fault in (unbalance, bow))
@@ -340,10 +309,23 @@ def _hopeless(solution: _Solution, model: Model) -> str:
         return f"{solution.rank} independent numbers for four unknowns: measure a second probe or a second speed"
     if solution.scale is None:
         return "the noise is unknown and nothing is left over to judge it by: give sigma_um, repeats, or a second speed"
-    if solution.chi2 is not None and solution.chi2 > 1.0 + HEALTHY_SPREADS * math.sqrt(2.0 / solution.freedom):
-        times = f"it leaves {math.sqrt(solution.chi2):.3g} times the standard error"
-        return f"the model does not hold here: {times}, and what it lacks may pose as a fault; run `rotorjax compare`"
+    if solution.chi2 is not None and _fails(solution):
+        return (
+            f"{MODEL_FAILS}: it misses the readings by {math.sqrt(solution.chi2):.3g} times their "
+            "standard error, so that what it lacks is counted as unbalance and bow; `rotorjax explain` looks for what "
+            "it lacks"
+        )
     return ""
+
+
+def _fails(solution: _Solution) -> bool:
+    """Whether the misfit is above the noise."""
+    return solution.chi2 is not None and beyond_noise(solution.chi2, solution.freedom)
+
+
+def beyond_noise(reduced_chi2: float, freedom: int) -> bool:
+    """Whether a reduced chi-square is larger than noise makes it."""
+    return reduced_chi2 > 1.0 + HEALTHY_SPREADS * math.sqrt(2.0 / freedom)
 
 
 def _growth(covariance: Float[np.ndarray, "4 4"]) -> float:
@@ -363,8 +345,14 @@ def _largest(covariance: np.ndarray) -> float:
     return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
 
+def _peaks_rpm(model: Model) -> Float[np.ndarray, "_"]:
+    """Critical speeds, or where damping leaves none the natural frequencies of the axes."""
+    peaks = critical_speeds_rpm(model)
+    return peaks if len(peaks) else natural_speeds_rpm(model)
+
+
 def _entanglement(speeds: np.ndarray, model: Model) -> str:
-    axes = " and ".join(f"{speed:.0f}" for speed in critical_speeds_rpm(model))
+    axes = " and ".join(f"{speed:.0f}" for speed in _peaks_rpm(model))
     if np.ptp(speeds) <= 0.02 * np.min(speeds):
         return (
             f"one speed ({np.mean(speeds):.0f} rpm) and nearly equal axes (critical speeds {axes} rpm): bow and "
@@ -379,7 +367,7 @@ def _entanglement(speeds: np.ndarray, model: Model) -> str:
 
 def _cure(solution: _Solution, model: Model, measurement: Measurement, index: int) -> str:
     """The further speed within the limits that would tell them apart best, with the error that it would leave."""
-    peaks, limits = critical_speeds_rpm(model), measurement.knowledge.limits
+    peaks, limits = _peaks_rpm(model), measurement.knowledge.limits
     low, high = limits.speed_rpm or (0.3 * peaks.min(), 1.7 * peaks.max())
     candidates = np.linspace(low, high, 57)
     conditions = Conditions.at_rpm(candidates, unbalance=np.zeros((len(model.layout.planes), 2)))
@@ -389,7 +377,7 @@ def _cure(solution: _Solution, model: Model, measurement: Measurement, index: in
         expected = np.abs(response_to(model, conditions, np.tile(solution.faults, (len(candidates), 1)))[:, :, first])
         clear &= np.all(expected < limits.amplitude_um * MICROMETRE, axis=1)
     if not clear.any():
-        return "no speed within the limits would tell them apart"
+        return "no speed within the limits would separate them"
     cells = measurement.weights(0.0 if measurement.sigma is not None else MICROMETRE)[measurement.run == index][
         :, :, first
     ]
@@ -405,7 +393,7 @@ def _cure(solution: _Solution, model: Model, measurement: Measurement, index: in
         )
     best = int(np.argmin(after))
     if measurement.knowledge.uncertain:
-        return f"a reading at {candidates[best]:.0f} rpm would tell most"
+        return f"a reading at {candidates[best]:.0f} rpm would separate them best"
     return (
         f"a reading at {candidates[best]:.0f} rpm would bring the standard error of the unbalance from {before:.3g} to "
         f"{after[best]:.3g} g mm"

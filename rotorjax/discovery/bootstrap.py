@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.discovery.race import Contender, Contest
+from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.inference.data import Data
 from rotorjax.inference.descent import End, Start, descend
 from rotorjax.inference.manner import QUICK

@@ -1,4 +1,4 @@
-"""A model held against a measurement: how far off it is, in micrometres and in standard errors, and where."""
+"""A model compared with a measurement: how far off it is, in micrometres and in standard errors, and where."""
 
 import dataclasses
 from typing import NamedTuple
@@ -109,7 +109,7 @@ class Comparison(Shown):
 
 
 def compare(model: Model | AbstractRotor, measurement: Measurement) -> Comparison:
-    """Hold a model, as it is, against a measurement.
+    """Compare a model, as it is, with a measurement.
 
     Residual z - z_model per run, speed, probe and order. **Arguments:** ``model``, or a rotor alone;
     ``measurement``. Nothing is fitted: that is `fit`. **Returns** a `Comparison`.

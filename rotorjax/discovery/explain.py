@@ -1,30 +1,29 @@
 """Which physical effect is missing: the answer, how sure it is, what it cannot tell apart, what to measure next."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex
 from scipy.special import chdtrc
 
-from rotorjax.arrays import numpy_pair, require_float64
-from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
+from rotorjax.arrays import require_float64
+from rotorjax.data.declarations import KINDS, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
+from rotorjax.discovery.contest import Contest, check_catalog, make_contest, misfit_left
+from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
-from rotorjax.discovery.race import Contest, check_catalog, make_contest, misfit_left
 from rotorjax.discovery.search import (
     DETECTED,
     Progress,
-    Ranked,
     Selection,
+    Telling,
     change_by,
     noise_size,
     none_left,
@@ -32,171 +31,25 @@ from rotorjax.discovery.search import (
     retold,
     select,
 )
-from rotorjax.discovery.slips import Alternative, race_of_slips
+from rotorjax.discovery.slips import LARGE, Alternative, race_of_slips
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
-from rotorjax.inference.faults import fault_sensitivity, installed_faults
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
-from rotorjax.shown import Reported
 from rotorjax.units import MICROMETRE
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
-LARGE = 0.1
-"""Share of the measured size above which a residual of unknown noise is not put down to noise."""
-
 MOST_LEADERS = 3
 """Ties, one after the other, that turn out more probable than the answer and take its place."""
 
-Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
-
-
 LINEARISATIONS = 600_000
 """Single cases that an explanation may linearise."""
-
-
-class Cost(NamedTuple):
-    """What an explanation took."""
-
-    linearisations: int
-    """Single cases linearised: a count that does not depend on the machine."""
-    limit: int
-    untried: tuple[str, ...] = ()
-    """What was left out when the limit was reached."""
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the limit was reached before all was tried."""
-        return bool(self.untried)
-
-
-class Small(NamedTuple):
-    """An effect that was detected but changes the prediction by less than the noise."""
-
-    effect: str
-    why: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Explanation(Reported):
-    """What `explain` found."""
-
-    verdict: Verdict
-    effects: tuple[str, ...]
-    """In the order added; of every tie the most probable."""
-    written: SlipRace
-    """What is stated in rig file and table against changes of it."""
-    story: Story
-    """Comparison and fit at every step, the first without any addition."""
-    rankings: tuple[tuple[Ranked, ...], ...]
-    """For every step, what a further effect would bring, "none" among them."""
-    ties: Ties
-    detected_but_small: tuple[Small, ...]
-    next_measurement: Proposal | None
-    p_value: PValue | None
-    noise: Noise
-    """What the answer leaves beside the table's noise."""
-    contest: Contest
-    max_effects: int
-    catalog: Mapping[str, type[Effect]]
-    """What might have been missing."""
-    named_force: NamedForce | None
-    """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few
-    terms that would do as well as the effects found.
-    """
-    cost: Cost
-
-    def __repr__(self) -> str:
-        p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
-        return f"Explanation({self.verdict}: {', '.join(self.named) or 'no effect'}; {self.story!r}{p})"
-
-    @property
-    def slip(self) -> Slip | None:
-        """What was written down wrongly, if anything."""
-        return self.written.best.slip
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """All that was found: what was written down wrongly, then the effects."""
-        return (*([] if self.slip is None else [self.slip.name]), *self.effects)
-
-    def tied_groups(self) -> list[list[list[str]]]:
-        """For every part of the answer that is open: itself, then what ties with it."""
-        others = [list(other.named) for other in self.written.tied]
-        return [*self.ties.groups(), *([[list(self.named), *others]] if others else [])]
-
-    @property
-    def model(self) -> Model:
-        """The model with what was added, fitted."""
-        return self.story.final_model
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether the effects found make the error fall on data held out too, as far as that was looked into."""
-        return _confirmed(self.story.fits)
-
-    @property
-    def objections(self) -> tuple[str, ...]:
-        """What speaks against the values of the effects found."""
-        return self.story.fits[-1].objections(self.effects)
-
-    @property
-    def more(self) -> tuple[Ranked, ...]:
-        """What would be added next, where "none" is improbable: the effects that together make it so, the most probable
-        first; else nothing.
-        """
-        last = self.rankings[-1]
-        if none_left(last) >= DETECTED:
-            return ()
-        return tuple(r for r in last if r.effect != "none" and r.probability >= DETECTED)
-
-    @property
-    def restricted(self) -> bool:
-        """Whether some effects of the catalogue were not allowed to be missing."""
-        given = {e.name for e in self.story.model.effects} | {
-            e.effect for e in self.contest.space.entries if e.declared_uncertain
-        }
-        return bool({e.effect for e in self.contest.space.entries} - given - set(self.contest.candidates))
-
-    def bow_over_unbalance(self) -> dict[float, float]:
-        """Speed [rpm] -> response to the installed bow over that to the installed unbalance; empty unless all runs
-        carry the same bow.
-        """
-        m = self.contest.measurement
-        bow = np.asarray(m.conditions.bow)
-        if 1.0 not in m.orders or not np.any(bow) or not np.allclose(bow, bow[0]):
-            return {}
-        slopes = fault_sensitivity(self.story.model.with_orders(m.orders), m.conditions)[:, :, m.orders.index(1.0)]
-        installed = installed_faults(self.story.model, m)[m.run]
-        parts = [
-            np.linalg.norm(np.einsum("cpkd,cd->cpk", slopes[..., s], installed[:, s]), axis=(1, 2))
-            for s in (slice(0, 2), slice(2, 4))
-        ]
-        cluster, speeds = m.speed_cluster()
-        return {
-            float(speed): float(np.median(parts[1][cluster == k]) / np.median(parts[0][cluster == k]))
-            for k, speed in enumerate(speeds)
-            if np.median(parts[0][cluster == k]) > 0.0
-        }
-
-    def chi2(self, ranked: Ranked) -> float | None:
-        """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they
-        are unknown.
-        """
-        measurement, end = self.contest.measurement, ranked.contender.best
-        if measurement.sigma is None:
-            return None
-        weight = measurement.weights(0.0)
-        freedom = int(np.count_nonzero(weight)) - len(end.free)
-        errors = weight * numpy_pair(end.shown - measurement.half_order_sign(end.shown) * measurement.vectors)
-        return float(np.sum(errors**2)) / freedom if freedom > 0 else None
 
 
 def explain(  # noqa: PLR0913
@@ -206,7 +59,7 @@ def explain(  # noqa: PLR0913
     max_effects: int = 3,
     only: Iterable[str] | None = None,
     exclude: Iterable[str] = (),
-    slips: bool = False,
+    slips: bool | None = None,
     catalog: Mapping[str, type[Effect]] = CATALOG,
     thorough: bool = True,
     limit: int = LINEARISATIONS,
@@ -218,42 +71,49 @@ def explain(  # noqa: PLR0913
     (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added while "none" has a probability below 5 %.
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
-    those in ``exclude``; ``slips``: with changes of what rig file and table state in the race
-    (`rotorjax.data.declarations`), which may be named in ``only`` and ``exclude`` too; ``catalog``: effects by name,
-    ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which count for
-    the verdict, and the missing force, looked at where nothing explains and compared with what was found elsewhere;
-    ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or "unexplained",
-    with what was not tried; ``progress``: called with a line of text at every stage.
+    those in ``exclude``; ``slips``: whether changes of what rig file and table state are in the race
+    (`rotorjax.data.declarations`), always, never, or (None) where what is stated leads to no answer that holds, or to
+    an effect of the measuring chain, which looks alike; ``only`` and ``exclude`` may name them; ``catalog``: effects
+    by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
+    count for the verdict, and the missing force, looked at where nothing explains and compared with what was found
+    elsewhere; ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or
+    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage, and while it goes
+    on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
     check_catalog(catalog, full.rotor)
-    chosen = (*catalog, *(KINDS if slips else ())) if only is None else tuple(only)
-    if unknown := [name for name in (*chosen, *exclude) if name not in catalog and name not in KINDS]:
-        raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join((*catalog, *KINDS))}")
+    candidates, kinds = _candidates(catalog, only, exclude, slips is not False)
     if full.layout.probes != measurement.probes:
         raise ValueError(
             f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig "
             "file"
         )
-    # Where nothing was measured, a gain of zero would explain it all.
-    allowed = [name for name in chosen if name not in set(exclude)] if measurement.rms > 0.0 else []
-    candidates, kinds = [name for name in allowed if name in catalog], [name for name in allowed if name in KINDS]
+    if measurement.rms == 0.0:
+        candidates, kinds = [], []  # a gain of zero would explain it all
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    contest = make_contest(full, kept, candidates, catalog, Budget(limit))
-    declared = _declared(contest)
-    require_steady(declared, kept)
+    telling = Telling(progress, limit)
+    contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
+    stated = _as_stated(contest, full)
+    written = race_of_slips(contest, kinds, max_effects, told, always=slips is True)
+    right, selection = _as_done(full, written.best, candidates, catalog, told)
+    return _answer(right, stated, written, selection, undriven, catalog, thorough, told)
 
-    def told(line: str) -> None:
-        progress(f"{line} ({contest.budget.spent:,} of {limit:,} linearisations)")
 
-    written = race_of_slips(contest, kinds, max_effects, told)
-    stated = compare_vectors(declared, contest.measurement, full)
-    full, selection = _as_done(full, written.best, candidates, catalog, told)
-    return _answer(full, stated, written, selection, undriven, catalog, thorough, told)
+def _candidates(
+    catalog: Mapping[str, type[Effect]], only: Iterable[str] | None, exclude: Iterable[str], with_slips: bool
+) -> tuple[list[str], list[str]]:
+    """Effects, and kinds of mistakes in what was written down, that may be the answer; ``ValueError`` for an unknown
+    name.
+    """
+    chosen, without = (*catalog, *(KINDS if with_slips else ())) if only is None else tuple(only), tuple(exclude)
+    if unknown := [name for name in (*chosen, *without) if name not in catalog and name not in KINDS]:
+        raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join((*catalog, *KINDS))}")
+    allowed = [name for name in chosen if name not in without]
+    return [name for name in allowed if name in catalog], [name for name in allowed if name in KINDS]
 
 
 def _as_done(
@@ -276,13 +136,16 @@ def _as_done(
     return model, select(own, selection.most, progress=progress)
 
 
-def _declared(contest: Contest) -> Complex[np.ndarray, "case probe order"]:
-    """What the model shows as declared, whatever was measured."""
+def _as_stated(contest: Contest, model: Model) -> Comparison:
+    """The model as declared against the measurement, whatever was measured."""
     m = contest.measurement
     given = contest.space.given_unknowns()
     if np.any(contest.space.timed() & (given != 0.0)):
-        return np.asarray(response(contest.space.model_at(given), m.conditions))
-    return predict(contest.space, m.conditions, given, budget=contest.budget).shown
+        declared = np.asarray(response(contest.space.model_at(given), m.conditions))
+    else:
+        declared = predict(contest.space, m.conditions, given, budget=contest.budget).shown
+    require_steady(declared, m)
+    return compare_vectors(declared, m, model)
 
 
 def _answer(
@@ -303,19 +166,19 @@ def _answer(
     if stages.go("error on data held out"):
         held = held_out(contest, selection, ties)
     fits = fits_of_steps(contest, model, selection, held)
+    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
+    story = Story(model, contest.measurement, stated, selection.effects, fits, views, (), undriven, written.best.slip)
     p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
     last = fits[-1]
     if selection.small:
         last = fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
-    verdict = _verdict(selection, ties, p, last, contest, confirmed=_confirmed(fits))
+    verdict = _verdict(selection, ties, p, last, contest, confirmed=story.confirmed)
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
     if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
     if verdict == "nothing missing" and written.best.slip is not None:
         verdict = "explained"
-    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    story = Story(model, contest.measurement, stated, selection.effects, fits, views, (), undriven, written.best.slip)
     return Explanation(
         verdict=verdict,
         effects=selection.effects,
@@ -437,11 +300,6 @@ def _verdict(
     if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < DETECTED:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
-
-
-def _confirmed(fits: tuple[Fit, ...]) -> bool:
-    first, last = fits[0].held_out_rms, fits[-1].held_out_rms
-    return len(fits) == 1 or first is None or last is None or last < first
 
 
 def _nominal(last: Fit) -> float:

@@ -14,12 +14,18 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, declared_starts, make_data, make_folds, residual_vectors
-from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
-from rotorjax.inference.linearised import Budget
+from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.estimates import (
+    NORMAL_QUANTILE,
+    Estimate,
+    estimates_of,
+    independent_parts,
+    robust_covariance,
+)
 from rotorjax.inference.manner import CONVERGED, NOT_FINITE, RESULT_TEXT
 from rotorjax.inference.noise import (
-    FEW_RUNS,
     LEAST_NOISE,
     MOST_ROUNDS,
     NO_NOISE,
@@ -32,39 +38,17 @@ from rotorjax.inference.noise import (
     reduced_chi2,
     run_floor,
 )
-from rotorjax.inference.space import Entry, Space, make_space, with_company
+from rotorjax.inference.space import Space, make_space, with_company
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.shown import Shown
 from rotorjax.units import MICROMETRE
 
-NORMAL_QUANTILE = 1.96
-UNDETERMINED = 0.8
-"""Posterior over prior standard deviation above which the data are said not to determine a parameter."""
 NOT_STEADY = (
     "no steady motion was found with these values, so that the prediction is only to first order along the measured "
     "motion"
 )
 """What a fit says whose forces that depend on motion were laid along the measured motion and no further."""
-PULLED = 3.0
-"""A declared uncertain value that moves by more than this many of its standard deviations is a finding."""
-
-
-class Estimate(NamedTuple):
-    """A fitted parameter, in SI."""
-
-    entry: Entry
-    value: float
-    standard_error: float
-    determined: bool
-    """False where the data leave the prior almost as wide as it was: the interval is the prior's."""
-    pull: float
-    """Distance from the null in prior standard deviations."""
-
-    @property
-    def finding(self) -> bool:
-        """A declared uncertain value that had to move too far."""
-        return self.entry.declared_uncertain and abs(self.pull) > PULLED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -346,11 +330,8 @@ def summarise(
     """
     space, measurement, free = stage.space, stage.measurement, stage.free
     best, data = now.best, now.data
-    clusters = whitened_by_run(best.local, data)
-    if len(clusters) < FEW_RUNS:
-        # Too few runs to judge what they share: every case is its own cluster.
-        clusters = [Local(error, slopes) for error, slopes in zip(best.local.error, best.local.slopes, strict=True)]
-    covariance = _covariance(best, clusters)
+    clusters = independent_parts(best.local, data)
+    covariance = robust_covariance(best, clusters)
     quantile = (
         float(stdtrit(max(len(clusters) - 1, 1), 0.975))
         if now.allowance > 0.0 and measurement.sigma is not None
@@ -360,7 +341,7 @@ def summarise(
     left = residual_vectors(best.local.error, data)
     return Fit(
         model=_kept(fitted, stage),
-        estimates=_estimates(space, best, covariance, free),
+        estimates=estimates_of(space, best, covariance, free),
         predicted=best.shown,
         result=RESULT_TEXT[best.result] if best.exact else NOT_STEADY,
         converged=best.result == CONVERGED and now.settled and best.exact,
@@ -378,54 +359,6 @@ def summarise(
         stage=stage,
         end=best,
     )
-
-
-def whitened_by_run(local: Local, data: Data) -> list[Local]:
-    """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is
-    undone.
-    """
-    random = data.scatter
-    runs = []
-    for run in range(data.run_count):
-        cases = data.run == run
-        error, common = local.error[cases].ravel(), random[cases]
-        slopes = local.slopes[cases].reshape(len(error), local.slopes.shape[-1])
-        if common.shape[-1]:
-            block = common.reshape(len(error), -1)
-            factor = np.linalg.cholesky(np.eye(len(error)) + block @ block.T)
-            error, slopes = np.linalg.solve(factor, error), np.linalg.solve(factor, slopes)
-        runs.append(Local(error, slopes))
-    return runs
-
-
-def _covariance(best: End, clusters: list[Local]) -> np.ndarray:
-    """Posterior covariance, its standard errors raised to the cluster-robust ones."""
-    posterior = np.linalg.inv(best.curvature)
-    if len(clusters) > 1 and len(posterior):
-        scores = np.stack([slope.T @ error for error, slope in clusters])
-        small_sample = len(clusters) / (len(clusters) - 1.0)
-        robust = posterior @ (small_sample * scores.T @ scores + np.diag(best.prior.weight)) @ posterior
-        growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
-        posterior = posterior * growth[:, None] * growth[None, :]
-    covariance = np.eye(len(best.point))
-    covariance[np.ix_(best.free, best.free)] = posterior
-    return covariance
-
-
-def _estimates(space: Space, best: End, covariance: np.ndarray, free: np.ndarray) -> tuple[Estimate, ...]:
-    values = space.values(best.point)
-    posterior, width = np.sqrt(np.diag(np.linalg.inv(best.hessian))), best.prior_width
-    estimates = []
-    for entry, value in zip(space.entries, values, strict=True):
-        if not free[entry.unknown]:
-            continue
-        slope = entry.scale * (1.0 + value if entry.logarithmic else 1.0)
-        deviation = min(float(width[entry.unknown]), float(np.sqrt(covariance[entry.unknown, entry.unknown])))
-        determined = bool(posterior[entry.unknown] < UNDETERMINED * width[entry.unknown])
-        estimates.append(
-            Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown]))
-        )
-    return tuple(estimates)
 
 
 def _held_out(data: Data, again: list[End], folds: np.ndarray) -> float | None:

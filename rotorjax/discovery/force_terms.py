@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rotorjax.discovery.force_shapes import GAP, LEAST_FACTOR, LOGARITHMIC, STEP, Shape, beyond, shapes
 from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import GAP, LEAST_FACTOR, LOGARITHMIC, STEP, TERMS, Shape, beyond, shapes
+from rotorjax.effects.terms import TERMS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.model.contract import Effect, ReadingEffect, SpeedEffect, WaveformEffect
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from rotorjax.discovery.race import WORTH_TRYING, Contest, Effects, Known, anew, contender_of
+from rotorjax.discovery.contest import Contest, Effects, Known
+from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of
 from rotorjax.discovery.search import NOTHING, PRICE, Selection
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.data import make_folds, residual_vectors

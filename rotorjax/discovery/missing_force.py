@@ -13,7 +13,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
-from rotorjax.effects.terms import Reach
+from rotorjax.discovery.force_shapes import Reach
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.inference.linear_rotor import LinearRotor, Sight
 from rotorjax.model.contract import WaveformEffect

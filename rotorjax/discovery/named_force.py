@@ -9,10 +9,11 @@ from collections.abc import Mapping
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
+from rotorjax.discovery.force_shapes import Reach, with_gap
 from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import TERMS, with_gap
+from rotorjax.effects.terms import TERMS
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
@@ -130,7 +131,11 @@ def _named(
         return NamedForce(force, (), beside, None)
     tried = [_trial(model, terms, beside, every) for terms in likely]
     fits = fit_trials(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget)
-    scores = {k: _score(fitted) for k, fitted in enumerate(fits) if _believable(fitted)}
+    scores = {
+        k: _score(fitted)
+        for k, fitted in enumerate(fits)
+        if _believable(fitted) and _all_reached(likely[k], fitted, force.reach)
+    }
     if not scores:
         return NamedForce(force, (), beside, None)
     ranked = sorted(scores, key=lambda k: (not _enough(fits[k]), len(likely[k]), scores[k]))
@@ -151,6 +156,21 @@ def _named(
 def _believable(fitted: Fit) -> bool:
     """Whether a steady motion was found, and nothing speaks against the values."""
     return fitted.end.exact and math.isfinite(fitted.end.cost) and not fitted.objections(fitted.free)
+
+
+def _all_reached(terms: tuple[Candidate, ...], fitted: Fit, reach: Reach) -> bool:
+    return all(reached(t.term, fitted.estimate(t.term, t.gap).value, reach) for t in terms if t.gap is not None)
+
+
+def reached(term: str, inverse_gap: float, reach: Reach) -> bool:
+    """Whether the rotor came to the end of a gap, on a side that the term may have: else it is not what was seen.
+
+    **Arguments:** ``inverse_gap`` [1/m].
+    """
+    axis_force = TERMS.get(term)
+    largest = reach.radius if axis_force is None else reach[axis_force().axis()]
+    sides = (1.0,) if axis_force is None else axis_force.sides
+    return math.copysign(1.0, inverse_gap) in sides and abs(inverse_gap) * largest > 1.0
 
 
 def _enough(fitted: Fit) -> bool:

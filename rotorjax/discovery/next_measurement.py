@@ -9,7 +9,7 @@ from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
 from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
 from rotorjax.diagnosis.inverse import NEAR_PEAK
-from rotorjax.discovery.race import Contest
+from rotorjax.discovery.contest import Contest
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -90,7 +90,7 @@ def _apart(
     """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave
     open.
     """
-    # Half orders have no sign that a reading could be held against.
+    # Half orders have no sign that a reading could be compared with.
     cells = np.repeat(
         [
             probe in probes and not is_half_order(n)

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from rotorjax.discovery.contest import Contest, Effects, Known, misfit_left
 from rotorjax.discovery.fit import Fit, Round, Stage, summarise
 from rotorjax.discovery.held_out import HeldOut
-from rotorjax.discovery.race import Contest, Effects, Known, misfit_left, race
+from rotorjax.discovery.race import race
 from rotorjax.discovery.search import (
     Selection,
 )

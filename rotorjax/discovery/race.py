@@ -1,34 +1,17 @@
 """The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Complex, Float
 
-from rotorjax.data.measurement import Measurement
-from rotorjax.effects import CATALOG
-from rotorjax.inference.data import MOST_STARTS, Data, declared_starts, make_data, residual_vectors
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left
+from rotorjax.inference.data import MOST_STARTS, Data, declared_starts
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.influence import CLEAR, influenced
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
-from rotorjax.inference.noise import (
-    MOST_ROUNDS,
-    NO_NOISE,
-    SAME_MISFIT,
-    Noise,
-    independent_numbers,
-    misfit_of,
-    run_floor,
-)
-from rotorjax.inference.space import Space, make_space, with_company
-from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
-from rotorjax.model.model import Model
+from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
@@ -40,181 +23,6 @@ NOISE_FALL = 0.5
 """What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
 WORTH_TRYING = 40.0
 """Log evidence behind the best on all data up to which an effect may win beside others, or on a part of the data."""
-NONE_ODDS = 0.5
-"""Prior probability that nothing is missing; the rest is shared by family, then by member."""
-
-Effects = frozenset[str]
-"""A hypothesis: the names of the effects that are there."""
-
-
-class Contender(NamedTuple):
-    """A set of effects fitted to the data, best optimum first."""
-
-    effects: Effects
-    ends: tuple[End, ...]
-    log_evidence: float
-    noise: Noise
-    """Under which it was fitted: log evidence is compared under the same noise, or nearly the same."""
-    foreseen: bool = False
-    """Whether it is known to first order only under this noise, fitted under another."""
-
-    @property
-    def best(self) -> End:
-        """The best optimum."""
-        return self.ends[0]
-
-    @property
-    def balanced(self) -> bool:
-        """Whether it has an optimum whose motions balance, and evidence."""
-        return math.isfinite(self.log_evidence)
-
-    def fitted_under(self, noise: Noise) -> bool:
-        """Whether there is nothing to be fitted under this noise."""
-        return self.balanced and not self.foreseen and self.noise == noise
-
-    def led_by(self, end: End, noise: Noise) -> "Contender":
-        """The same, its evidence too, with another end in the place of the best, fitted under some noise."""
-        return self._replace(ends=(end, *self.ends[1:]), noise=noise)
-
-
-@dataclasses.dataclass(frozen=True)
-class Contest:
-    """One measurement, and all that hypotheses may be made of."""
-
-    space: Space
-    measurement: Measurement
-    candidates: tuple[str, ...]
-    """Effects that may be missing: not in the model yet, and nothing of theirs declared uncertain."""
-    odds: Mapping[str, float]
-    """Prior odds of each candidate's presence."""
-    training: Bool[np.ndarray, "case"]
-    """Cases that count."""
-    budget: Budget
-    floor: Noise = NO_NOISE
-    """Noise beside the table's that is known to be there."""
-
-    @cached_property
-    def timed(self) -> Effects:
-        """Effects whose force depends on motion, so that orders are balanced together."""
-        return frozenset(self.space.effects_of(self.space.timed()))
-
-    def log_odds(self, effects: Iterable[str]) -> float:
-        """Logarithm of the prior odds of a set against the empty one."""
-        return math.fsum(math.log(self.odds[name]) for name in effects)
-
-    def log_posterior(self, contender: Contender) -> float:
-        """Log evidence plus log prior odds."""
-        return contender.log_evidence + self.log_odds(contender.effects)
-
-    def free(self, effects: Effects) -> Bool[np.ndarray, "param"]:
-        """Unknowns that a hypothesis frees: its effects' and all that the user declared uncertain."""
-        return self.space.free(list(effects))
-
-    def lean(self, sets: Iterable[Effects], chosen: Effects, near: Iterable[str]) -> list[Effects]:
-        """Those sets whose forces depending on motion are in the chosen one or among the ``near`` ones, and are one at
-        most or as many.
-
-        Each such force costs as much as a hundred linear effects.
-        """
-        timed, allowed = self.timed, chosen | frozenset(near)
-        return [h for h in sets if h & timed <= allowed and len(h & timed) <= max(1, len(chosen & timed))]
-
-    def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
-        """Unknowns of these effects alone."""
-        return self.space.only_of(effects)
-
-    def model_at(self, contender: Contender) -> Model:
-        """The full model at a contender's optimum."""
-        return self.space.model_at(contender.best.point)
-
-    def data(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Data:
-        """The measurement in units of a noise, the sensitivity to what is random taken at a point."""
-        return make_data(self.measurement, self.space.model_at(point), noise)
-
-    def left(self, end: End, data: Data) -> Complex[np.ndarray, "case probe order"]:
-        """Model minus measured on the cases that count, zero elsewhere [m]."""
-        return residual_vectors(end.local.error, data) * self.training[:, None, None]
-
-    @cached_property
-    def independent_numbers(self) -> int:
-        """Number of data where the model misses: see `noise.independent_numbers`."""
-        kept = self.kept_measurement()
-        return max(1, min(independent_numbers(kept) or 1, int(np.count_nonzero(kept.weights(1.0)))))
-
-    def kept_measurement(self) -> Measurement:
-        """The measurement with the cases that do not count marked absent."""
-        if self.training.all():
-            return self.measurement
-        return dataclasses.replace(self.measurement, present=self.measurement.present & self.training[:, None, None])
-
-
-def check_catalog(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor) -> None:
-    """Refuse a catalogue that would lose an effect on the way, or one whose force is no force.
-
-    **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family
-    that there is not, and for a force that is not two finite numbers at rest.
-    """
-    for key, cls in catalog.items():
-        if not isinstance(cls, type):
-            raise ValueError(f"catalog[{key!r}] is an effect: hand over its class, without parentheses")
-        if cls.name != key:
-            raise ValueError(
-                f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: "
-                f"{cls.__name__}}}"
-            )
-        if cls.family not in get_args(Family):
-            raise ValueError(f"{key}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
-        if issubclass(cls, RestoringEffect) and key not in CATALOG:
-            _check_force(cls, rotor)
-
-
-def _check_force(cls: type[RestoringEffect], rotor: AbstractRotor) -> None:
-    none = jnp.zeros(2)
-    at_rest = Instant(rotor, jnp.asarray(100.0), jnp.asarray(0.0), none, none, none)
-    scales = [p.prior_scale(rotor) for p in cls.parameters()]
-    for effect in (cls(), cls(*scales) if not any(p.axes for p in cls.parameters()) else cls()):
-        force = jnp.asarray(effect.force(at_rest))
-        if force.shape != (2,):
-            raise ValueError(
-                f"{cls.name}: its force has shape {force.shape}; return (f_x, f_y) in N, like jnp.stack([f_x, f_y])"
-            )
-        if not bool(jnp.all(jnp.isfinite(force))):
-            raise ValueError(
-                f"{cls.name}: its force on a rotor at rest is {force}; keep it finite there, zero over zero included"
-            )
-
-
-def make_contest(
-    model: Model,
-    measurement: Measurement,
-    candidates: Iterable[str],
-    catalog: Mapping[str, type[Effect]] = CATALOG,
-    budget: Budget | None = None,
-) -> Contest:
-    """All candidates at their null beside the model's own effects; odds by family, then by member.
-
-    Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
-    """
-    full = with_company(model.with_orders(measurement.orders), catalog, catalog)
-    space = make_space(full, measurement.knowledge)
-    uncertain = {u.effect for u in measurement.knowledge.uncertain}
-    possible = tuple(
-        name for name in catalog if name in set(candidates) and name not in model and name not in uncertain
-    )
-    shown = tuple(name for name in possible if any(e.effect == name for e in space.entries))
-    families = {
-        family: [n for n in shown if catalog[n].family == family] for family in {catalog[n].family for n in shown}
-    }
-    odds = {
-        n: (1.0 - NONE_ODDS) / NONE_ODDS / len(families) / len(members)
-        for members in families.values()
-        for n in members
-    }
-    return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool), budget or Budget())
-
-
-Known = dict[Effects, Contender]
-"""Contenders fitted before: where to start, and what need not be fitted again."""
 
 
 def race(
@@ -446,19 +254,3 @@ def _falls(after: Noise, before: Noise) -> bool:
 
 def _same(one: Noise, other: Noise) -> bool:
     return abs(one.allowance - other.allowance) <= SAME_MISFIT * max(one.allowance, other.allowance)
-
-
-def misfit_left(contest: Contest, contender: Contender) -> float:
-    """Isotropic misfit that a contender leaves [m]."""
-    left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
-    return misfit_of(
-        contest.kept_measurement(), contest.model_at(contender), left, len(contender.best.free), contest.floor
-    )
-
-
-def with_floor(contest: Contest, contender: Contender) -> Contest:
-    """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the
-    rest.
-    """
-    left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
-    return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left))

@@ -42,7 +42,7 @@ def rivals(fitted: Fit) -> list[Rival]:
     found = []
     for name in fitted.free:
         if not fitted.stage.space.only_of([name]).any():
-            continue  # declared uncertain: estimated along whatever is added
+            continue  # declared uncertain: fitted whatever is added
         others = [n for n in fitted.free if n != name]
         candidates = [r for r in present[name].relatives if r in present and r not in fitted.stage.keep]
         swaps = [_swapped(fitted, data, name, others, rival) for rival in [None, *candidates]]

@@ -8,17 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
-from rotorjax.discovery.race import (
-    WORTH_TRYING,
-    Contender,
-    Contest,
-    Effects,
-    Known,
-    Race,
-    misfit_left,
-    settle,
-    with_floor,
-)
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left, with_floor
+from rotorjax.discovery.race import WORTH_TRYING, Race, settle
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 
@@ -34,7 +26,30 @@ MOST_SMALL = 3
 """Effects that are detected without mattering, at most."""
 NOTHING: Effects = frozenset()
 
+RETOLD = 10_000
+"""Linearisations after which a stage that goes on is told again: some seconds."""
 Progress = Callable[[str], None]
+
+
+class Telling:
+    """Says what is being done, and how much of the limit is spent, at every stage and while it goes on."""
+
+    def __init__(self, progress: Progress, limit: int) -> None:
+        self.budget = Budget(limit, watch=self._grown)
+        self._progress, self._limit, self._line, self._told = progress, limit, "", 0
+
+    def stage(self, line: str) -> None:
+        """Begin a stage."""
+        self._line = line
+        self._tell(self.budget.spent)
+
+    def _grown(self, spent: int) -> None:
+        if self._line and spent - self._told >= RETOLD:
+            self._tell(spent)
+
+    def _tell(self, spent: int) -> None:
+        self._told = spent
+        self._progress(f"{self._line} ({spent:,} of {self._limit:,} linearisations)")
 
 
 class Ranked(NamedTuple):

@@ -25,6 +25,8 @@ MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
 FAMILY_ODDS = 0.25
 """Prior odds that something was written down wrongly: those of a family of effects."""
+LARGE = 0.1
+"""Share of the measured size above which a residual of unknown noise is not put down to noise."""
 HALVED = 0.5
 """Share of the misfit, or of the cost with all linear effects, that a change must leave at most to count where it does
 not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn forces that
@@ -60,6 +62,8 @@ class Race(NamedTuple):
     """Alternatives, the most probable first."""
 
     ranked: tuple[Alternative, ...]
+    tried: bool = True
+    """Whether changes of what is stated took part."""
 
     @property
     def best(self) -> Alternative:
@@ -92,20 +96,27 @@ class _Screened(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Of the fit and of the prior odds: no set of those effects can do with less."""
-        return self.end.cost - self.change.log_odds
+        """Of the fit and of the prior odds, and what narrows down the values declared uncertain: minus the log evidence
+        of any set of those effects is more, as each of them costs prior odds and narrows down its own.
+        """
+        own = self.change.contest.free(frozenset())[self.end.free]
+        occam = 0.5 * float(np.linalg.slogdet(self.end.curvature[np.ix_(own, own)])[1])
+        return self.end.cost + occam - self.change.log_odds
 
 
-def race_of_slips(contest: Contest, kinds: Collection[str], most: int, progress: Progress) -> Race:
+def race_of_slips(
+    contest: Contest, kinds: Collection[str], most: int, progress: Progress, *, always: bool = True
+) -> Race:
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
-    **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most. **Returns** what is stated alone where
+    **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most; ``always``: also where what is stated
+    leads to an answer that holds without an effect of the measuring chain. **Returns** what is stated alone where
     nothing comes near it.
     """
     measurement = contest.measurement
     every = slips(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
     if not every:
-        return Race((Alternative(None, select(contest, most, progress=progress), 0.0, 0.0),))
+        return Race((Alternative(None, select(contest, most, progress=progress), 0.0, 0.0),), tried=False)
     odds = log_odds(every, FAMILY_ODDS)
     changes = [_change(contest, slip, odds[slip.name]) for slip in promising(contest.space.model, measurement, every)]
     screened, stated = [], None
@@ -113,13 +124,13 @@ def race_of_slips(contest: Contest, kinds: Collection[str], most: int, progress:
         stated = _screened(_Change(None, contest), NO_NOISE)
         if not _holds(stated):
             progress("whether something was written down wrongly")
-            screened = [_screened(change, NO_NOISE) for change in changes]
+            screened = [_screened(change, NO_NOISE, hopeless=stated.end.cost) for change in changes]
             ahead = [one for one in screened if _holds(one) or one.end.cost < HALVED * stated.end.cost]
             if ahead and (race := _without_what_is_stated(stated, ahead, most, progress)):
                 return race
     own = _alternative(None, select(contest, most, progress=progress))
-    if contest.budget.exhausted:
-        return Race((own,))
+    if contest.budget.exhausted or not (always or screened or _misses(own) or _of_reading(own)):
+        return Race((own,), tried=bool(screened))
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
     stated = stated or _screened(_Change(None, contest), noise)
     if not screened:
@@ -127,6 +138,18 @@ def race_of_slips(contest: Contest, kinds: Collection[str], most: int, progress:
         least = _least(own, noise)
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
     return _ranked(_with_near(own, _near(own, stated, screened, noise), noise, most, progress))
+
+
+def _misses(own: Alternative) -> bool:
+    """Whether an answer leaves more than the noise, or more than noise would be where that is unknown."""
+    measurement = own.selection.contest.measurement
+    return own.misfit > (0.0 if measurement.sigma is not None else LARGE * measurement.rms / math.sqrt(2.0))
+
+
+def _of_reading(own: Alternative) -> bool:
+    """Whether an effect of the measuring chain is in an answer: what it does, a mistake may do as well."""
+    every = own.selection.contest.space.model.effects
+    return any(e.name in own.selection.present and e.family == "reading" for e in every)
 
 
 def _least(own: Alternative, noise: Noise) -> float:
@@ -163,7 +186,8 @@ def _with_near(
         if one.change.contest.budget.exhausted or (holds and -one.cost < max(_least(other, noise) for other in found)):
             break
         other = _searched(one.change, most, progress)
-        if other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
+        # Of an unknown noise each alternative has its own, and the score counts it.
+        if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
             found.append(other)
     return found
 

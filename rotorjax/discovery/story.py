@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorjax.data.declarations import Slip
 from rotorjax.data.measurement import Measurement, require_steady
+from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
 from rotorjax.discovery.rivals import Rival, rivals
@@ -65,17 +66,31 @@ class Story(Reported):
         """Whether anything was fitted, so that there is a before and an after."""
         return self.slip is not None or any(fitted.estimates for fitted in self.fits)
 
+    @property
+    def confirmed(self) -> bool:
+        """Whether what was added makes the error fall on data held out too, as far as that was looked into."""
+        first, last = (self.fits[k].held_out_rms if self.fits else None for k in (0, -1))
+        return len(self.fits) == 1 or first is None or last is None or last < first
+
     @functools.cached_property
     def steadiness(self) -> list[str]:
         """Where the final model's steady state does not exist, is unstable or is not the only one."""
         return steadiness(self.final_model.with_orders(self.measurement.orders), self.measurement.conditions)
 
+    @functools.cached_property
+    def lateral(self) -> Lateral:
+        """Critical speeds, separation margins and stability of the final model."""
+        return lateral(self.final_model, self.measurement) if self.changed else self.lateral_declared
+
+    @functools.cached_property
+    def lateral_declared(self) -> Lateral:
+        """The same of the model as declared."""
+        return lateral(self.model, self.measurement)
+
     def noise_um(self) -> float | None:
         """Root mean square of pure noise, |z| over the cells [µm]; none where it is unknown."""
-        m = self.measurement
-        if m.sigma is None:
-            return None
-        return float(np.sqrt(2.0 * np.mean(m.sigma[m.present] ** 2)) / MICROMETRE)
+        noise = self.measurement.noise_rms
+        return None if noise is None else noise / MICROMETRE
 
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of fitted parameters that the data fix in combination only, with their correlation."""

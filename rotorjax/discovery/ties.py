@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from rotorjax.arrays import as_array, numpy_pair
 from rotorjax.data.measurement import is_half_order
-from rotorjax.discovery.race import WORTH_TRYING, Contender, Contest, Effects, Known, anew, contender_of, race
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known
+from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection
 from rotorjax.inference.data import Data, half_order_sign

@@ -18,12 +18,13 @@ Ramsay, Hooker, Campbell, Cao 2007, J. R. Stat. Soc. B 69:741-796.)
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of, side_by_side
 from rotorjax.inference.space import Space
@@ -103,34 +104,6 @@ class Linearised(NamedTuple):
     def finite(self) -> bool:
         """Whether it can be used at all."""
         return bool(np.all(np.isfinite(self.error)) and np.all(np.isfinite(self.slopes)))
-
-
-class Budget:
-    """Single cases linearised so far, and how many may be."""
-
-    def __init__(self, limit: int | None = None) -> None:
-        self.limit, self.spent = limit, 0
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the limit is reached."""
-        return self.limit is not None and self.spent >= self.limit
-
-    @property
-    def left(self) -> float:
-        """How many may still be."""
-        return math.inf if self.limit is None else max(0, self.limit - self.spent)
-
-    @contextlib.contextmanager
-    def share(self, most: float) -> Iterator[None]:
-        """While it is open, no more than ``most`` of what is left."""
-        limit = self.limit
-        if most < self.left:
-            self.limit = self.spent + int(most)
-        try:
-            yield
-        finally:
-            self.limit = limit
 
 
 class States(NamedTuple):
@@ -250,7 +223,7 @@ class Linearisation:
             _Task(point, own, near, self.states.seen_in(near))
             for point, own, near in zip(points, free, every, strict=True)
         ]
-        self.budget.spent += sum(task.blocks * len(task.cases) for task in tasks)
+        self.budget.spend(sum(task.blocks * len(task.cases) for task in tasks))
         return tasks
 
     def _rows(self, tasks: list[_Task]) -> Rows:
@@ -324,7 +297,7 @@ class Linearisation:
         rows = self._rows_of(unknowns, np.full((len(states), COLUMNS), -1), states)
         equations = self.kernels.balanced(rows, motions[..., :count])
         force, followed = (equations.force, motions) if not refined else self.kernels.refined(rows, motions)
-        self.budget.spent += len(states)
+        self.budget.spend(len(states))
         step = -_solved(equations.force_by_motion, force[..., None])
         off = np.abs((equations.shown_by_motion @ step)[..., 0] * self._state_weight[states]).max(axis=1)
         size = np.linalg.norm(force * self._per_force[states], axis=1)

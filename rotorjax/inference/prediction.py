@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data
-from rotorjax.inference.linearised import Budget, Linearisation, Point, States
+from rotorjax.inference.linearised import Linearisation, Point, States
 from rotorjax.inference.motions import balanced
 from rotorjax.inference.space import Space
 from rotorjax.model.conditions import Conditions

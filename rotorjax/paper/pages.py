@@ -104,7 +104,7 @@ Written by `rotorjax paper --output paper_tables`; the tests recompute the numbe
   instead that the model does not fit both speeds ([jointly](table_04_05_joint.md)).
 - **IFbC and IFC are the same thing** where the inverse is exact, and make the error of U worse on the paper's own numbers, while they take that of the bow away. One complex gain for U and one for s lowers all eight mean errors below those
   without compensation, also for cases left out ([figure 10](figure_10.md)); additive compensation is better only for s at 1500 rpm.
-- **On measured data** of another rig ([RK4](real_rk4.md)) neither an additive fault nor a gain is enough by itself: there is a residual unbalance and a turned phase reference. Both together, or the fitted
+- **On measured data** of another rig ([RK4](real_rk4.md)) neither an additive fault nor a gain is enough by itself: there is a residual unbalance and an offset of the phase reference. Both together, or the fitted
   physics, bring the error from 60 to 3-10 g mm on runs that were not used.
 
 ## Inconsistencies in print

@@ -8,8 +8,8 @@ from rotorjax.diagnosis.compensation import (
     average_fault,
     value_errors,
 )
+from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.features import fault_table, feature_covariance, feature_map, inverse_map
-from rotorjax.diagnosis.inverse import Fault
 from rotorjax.diagnosis.training import rms_errors
 from rotorjax.model.rotor import Jeffcott, bearing_stiffness, effective_mass, in_series
 from rotorjax.paper.printed import CASES, DIAGNOSED, HALF_DIGIT, INHERENT, PARAMETERS, SPEEDS, printed, rotor

@@ -1,17 +1,22 @@
 """What people read of a correction: the mass, where it goes, and what is left."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import stdtridf
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
-from rotorjax.diagnosis.balancing import Correction, before_and_after
-from rotorjax.diagnosis.inverse import Diagnosis
-from rotorjax.discovery.fit import NORMAL_QUANTILE, Fit
+from rotorjax.diagnosis.balancing import Correction, predicted
+from rotorjax.diagnosis.fault import Fault
+from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
+from rotorjax.diagnosis.inverse import ENTANGLED, Diagnosis, RunDiagnosis
+from rotorjax.discovery.fit import Fit
 from rotorjax.effects.excitation import ResidualUnbalance
+from rotorjax.inference.estimates import NORMAL_QUANTILE
 from rotorjax.model.model import Model
+from rotorjax.reporting.intervals import decimals_of, told, told_angle
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM
 
@@ -20,47 +25,60 @@ MOST_SPEEDS = 12
 """Speeds at which the vibration after the correction is predicted."""
 
 
-def corrections(fitted: Fit, rig: Rig, measurement: Measurement) -> tuple[Correction, ...]:
-    """What corrects the residual unbalance of a fitted model, in each plane of the rig by itself; none where the fit
-    has no residual unbalance.
-    """
+class Balance(NamedTuple):
+    """What corrects an unbalance: one correction for each plane of the rig by itself."""
+
+    corrections: tuple[Correction, ...] = ()
+    why_none: str = ""
+    """In a sentence, where an unbalance was looked for and nothing is to be corrected."""
+    proviso: str = ""
+    """What must hold for it, from a comma on."""
+
+
+def balance_of_fit(fitted: Fit, rig: Rig, measurement: Measurement) -> Balance:
+    """What corrects the residual unbalance of a fitted model; nothing where the fit has no residual unbalance."""
     found = {e.entry.label: e for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
     labels = [f"unbalance_{axis}_kg_m" for axis in "xy"]
     if not found.keys() >= set(labels):
-        return ()
-    which, scale = (
-        [found[label].entry.unknown for label in labels],
-        np.array([found[label].entry.scale for label in labels]),
-    )
+        return Balance()
+    which = [found[label].entry.unknown for label in labels]
+    scale = np.array([found[label].entry.scale for label in labels])
     covariance = scale[:, None] * fitted.covariance[np.ix_(which, which)] * scale
-    return _in_every_plane(
-        np.array([found[label].value for label in labels]), covariance, rig, measurement, float(fitted.model.rotor.mass)
-    )
+    by_student = fitted.quantile > NORMAL_QUANTILE
+    freedom = float(stdtridf(0.975, fitted.quantile)) if by_student else np.inf
+    unbalance = Fault(np.array([found[label].value for label in labels]), covariance, freedom)
+    return _balance(unbalance, "the residual unbalance", rig, measurement, float(fitted.model.rotor.mass))
 
 
-def diagnosed_corrections(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> tuple[Correction, ...]:
-    """The same for what `diagnose` found: the inherent unbalance, or else that of the first run with nothing installed;
-    none where it is not told apart.
+def balance_of_diagnosis(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> Balance:
+    """The same for what `diagnose` found: the inherent unbalance, or else that of the first run with nothing installed.
 
     What the rig file holds already is corrected with it.
     """
-    free = [
-        k
-        for k in range(len(measurement.runs))
-        if not np.any(np.asarray(measurement.conditions.unbalance)[measurement.run == k])
-    ]
-    found = diagnosis.inherent or next(
-        (run for run in diagnosis.runs for k in free if run.run == measurement.runs[k]), None
-    )
-    if found is None or not found.identifiable or found.unbalance is None or found.unbalance.covariance is None:
-        return ()
-    return _in_every_plane(
-        found.unbalance.pair + held_unbalance(rig),
-        found.unbalance.covariance,
-        rig,
-        measurement,
-        float(rig.model.rotor.mass),
-    )
+    found = diagnosis.inherent or _free_run(diagnosis, measurement)
+    if found is None:
+        return Balance(
+            why_none="No correction: every run has a weight installed, and --reference names none of them, so that the "
+            "rotor's own unbalance is not known."
+        )
+    whose = "the inherent unbalance" if found is diagnosis.inherent else f"the unbalance of {found.run}"
+    if found.model_holds is False:
+        return Balance(why_none=f"No correction: the model does not hold for {whose}, see above.")
+    if found.unbalance is None or found.unbalance.covariance is None or not found.identifiable:
+        return Balance(why_none=f"No correction: {whose} is not determined apart from a bow, see above.")
+    held = held_unbalance(rig)
+    if np.any(held):
+        whose += ", with what the rig file holds,"
+    unbalance = found.unbalance._replace(pair=found.unbalance.pair + held)
+    made = _balance(unbalance, whose, rig, measurement, float(rig.model.rotor.mass))
+    return made if found.model_holds else made._replace(proviso=", if the model holds (which cannot be checked)")
+
+
+def _free_run(diagnosis: Diagnosis, measurement: Measurement) -> RunDiagnosis | None:
+    """The first run with nothing installed."""
+    weights = np.asarray(measurement.conditions.unbalance)
+    free = {run for k, run in enumerate(measurement.runs) if not np.any(weights[measurement.run == k])}
+    return next((run for run in diagnosis.runs if run.run in free), None)
 
 
 def held_unbalance(rig: Rig) -> Float[np.ndarray, "dof"]:
@@ -69,81 +87,180 @@ def held_unbalance(rig: Rig) -> Float[np.ndarray, "dof"]:
     return np.zeros(2) if effect is None else np.array([float(value) for value in effect.values()])
 
 
-def _in_every_plane(
-    unbalance: Float[np.ndarray, "dof"],
-    covariance: Float[np.ndarray, "dof dof"],
-    rig: Rig,
-    measurement: Measurement,
-    mass: float,
-) -> tuple[Correction, ...]:
-    """One correction for each plane. The grade counts at the highest speed of the rig's limits, or else of those
-    measured.
+def _balance(unbalance: Fault, whose: str, rig: Rig, measurement: Measurement, mass: float) -> Balance:
+    """One correction for each plane, where the unbalance on the disk is different from zero."""
+    if not unbalance.differs_from_zero:
+        most = f"{number(unbalance.below / GRAM_MILLIMETRE, 2)} g mm"
+        return Balance(why_none=f"No correction: {whose} is not different from zero, below {most} (95 %).")
+    speed_rpm, which = grade_speed(measurement)
+    return Balance(
+        tuple(
+            Correction(
+                name, plane, unbalance.scaled(1.0 / plane.participation), mass, RPM * speed_rpm, rig.convention, which
+            )
+            for name, plane in rig.planes.items()
+            if plane.participation != 0.0
+        )
+    )
+
+
+def grade_speed(measurement: Measurement) -> tuple[float, str]:
+    """Speed [rpm] at which the balance quality grade counts, and which it is: the highest operating speed, or else the
+    highest that may be measured, or else the highest measured.
     """
-    limits = measurement.knowledge.limits.speed_rpm
-    speed = RPM * (float(measurement.speed_rpm.max()) if limits is None else limits[1])
-    return tuple(
-        Correction(
-            name,
-            plane,
-            unbalance / plane.participation,
-            covariance / plane.participation**2,
-            mass,
-            speed,
-            rig.convention,
-        )
-        for name, plane in rig.planes.items()
-        if plane.participation != 0.0
+    limits = measurement.knowledge.limits
+    if limits.operating_speed_rpm is not None:
+        return limits.operating_speed_rpm[1], "the highest operating speed"
+    if limits.speed_rpm is not None:
+        return limits.speed_rpm[1], "the highest of [limits]"
+    return float(measurement.speed_rpm.max()), "the highest measured"
+
+
+def balance_lines(found: Balance) -> list[str]:
+    """All corrections in sentences, or why there are none."""
+    alone = len(found.corrections) > 1
+    lines = [balance_line(one, alone=alone, proviso=found.proviso) for one in found.corrections]
+    return [*lines, found.why_none] if found.why_none else lines
+
+
+def balance_line(correction: Correction, *, alone: bool = False, proviso: str = "") -> str:
+    """One correction in a sentence. **Arguments:** ``alone``: whether other planes could do it, too; ``proviso``: what
+    must hold for it, from a comma on.
+    """
+    c, where = correction, f"in plane {correction.name}{' alone' if alone else ''}"
+    size, error = told(c.size, c.unbalance.half_interval, GRAM_MILLIMETRE)
+    amount, hint = f"{size} ± {error} g mm", f" For a mass in grams give radius_mm under [planes.{c.name}]."
+    if c.plane.radius_m is not None:
+        mass, error = told(*_grams(c))
+        amount, hint = f"{mass} ± {error} g at a radius of {1e3 * c.plane.radius_m:g} mm,", ""
+    angle, turn = told_angle(c.correction_angle_deg, c.unbalance.angle_half_interval_deg)
+    from_it = f"(opposite the unbalance at {told_angle(c.angle_deg, c.unbalance.angle_half_interval_deg)[0]}°)"
+    holes = _holes(c)
+    return (
+        f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° {where} {from_it}"
+        f"{f', that is {holes}' if holes else ''}. Balance quality grade at {c.speed / RPM:.0f} rpm ({c.speed_is}): G "
+        f"{number(c.grade(c.size))} before, below G {number(c.grade(c.left_below), 2)} after (95 %, if installed "
+        f"exactly).{hint}"
     )
 
 
-def balance_lines(found: tuple[Correction, ...]) -> list[str]:
-    """All corrections in sentences."""
-    return [balance_line(one, alone=len(found) > 1) for one in found]
+def _grams(c: Correction) -> tuple[float, float]:
+    """Mass of a correction at the plane's radius, and half of its 95 % interval [g]."""
+    mass, error = c.mass_at_radius(c.size), c.mass_at_radius(c.unbalance.half_interval or 0.0)
+    return (mass or 0.0) / GRAM, (error or 0.0) / GRAM
 
 
-def balance_line(correction: Correction, *, alone: bool = False) -> str:
-    """One correction in a sentence. **Arguments:** ``alone``: whether other planes could do it, too."""
-    c = correction
-    where = f"at {c.correction_angle_deg:.0f}° in plane {c.name}{' alone' if alone else ''}"
-    mass, error = c.mass_at_radius(c.size), c.mass_at_radius(NORMAL_QUANTILE * c.standard_error)
-    if mass is None or error is None:
-        amount = (
-            f"{number(c.size / GRAM_MILLIMETRE)} ± {number(NORMAL_QUANTILE * c.standard_error / GRAM_MILLIMETRE, 2)} g "
-            f"mm {where}"
-        )
-        hint = f" Its mass follows once the rig file has radius_mm under [planes.{c.name}]."
-    else:
-        amount = (
-            f"{number(mass / GRAM)} ± {number(error / GRAM, 2)} g {where}, at a radius of "
-            f"{number(1e3 * (c.plane.radius_m or 0.0))} mm"
-        )
-        hint = ""
-    holes = " and ".join(f"{number(part.mass_kg / GRAM)} g in hole {part.hole}" for part in c.in_holes)
-    grades = (
-        f"balance quality grade G {number(c.grade(c.size))} before, G {number(c.grade(c.left), 2)} after (at "
-        f"{c.speed / RPM:.0f} rpm)"
+def _holes(c: Correction) -> str:
+    """Masses in holes, to the decimals that the correction's error bears; those that round to nothing left out."""
+    error = _grams(c)[1]
+    decimals = decimals_of(error) if error > 0.0 else 3
+    parts = [(f"{part.mass_kg / GRAM:.{decimals}f}", part) for part in c.in_holes]
+    return " and ".join(
+        f"{mass} g in hole {part.hole} (at {part.angle_deg:g}°)" for mass, part in parts if float(mass) > 0.0
     )
-    return f"To balance: {amount}{f' ({holes})' if holes else ''}; {grades}.{hint}"
+
+
+def influence_lines(measurement: Measurement, rig: Rig) -> list[str]:
+    """The correction by influence coefficients, which need no rotor model, in sentences; none where the runs do not
+    determine it. Planes whose weights show alike are corrected in by themselves.
+    """
+    together = measured_influence(measurement)
+    if together is None:
+        return []
+    names = [list(rig.planes)[plane] for plane in weighted_planes(measurement)]
+    alone = [measured_influence(measurement, using=(k,)) for k in range(len(names))]
+    alike = any(
+        fault.largest_error > ENTANGLED * one.unbalance[0].largest_error
+        for fault, one in zip(together.unbalance, alone, strict=True)
+        if one is not None and fault.covariance is not None
+    )
+    if not alike:
+        return [_influence_line(together, names, rig)]
+    said = [_influence_line(one, [f"{name} alone"], rig) for name, one in zip(names, alone, strict=True) if one]
+    return [*said, f"Weights in {' and '.join(names)} show alike here: how to share the correction is left open."]
+
+
+def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:
+    """One answer of influence coefficients in a sentence. **Arguments:** ``names`` of the planes."""
+    without = "By influence coefficients, without the rotor model: "
+    if len(names) == 1 and found.unbalance[0].covariance is not None and not found.unbalance[0].differs_from_zero:
+        bound = number(found.unbalance[0].below / GRAM_MILLIMETRE, 2)
+        return f"{without}no correction in plane {names[0]}, the unbalance is below {bound} g mm (95 %)."
+    parts = [f"{_opposite(fault, rig)} in plane {name}" for name, fault in zip(names, found.unbalance, strict=True)]
+    before, after = _rms_um(found)
+    said = (
+        f"{without}correction {' and '.join(parts)}. It leaves {number(after, 2)} of {number(before)} µm rms at 1X; a "
+        "bow and a runout are corrected along."
+    )
+    if found.linear is False:
+        said += (
+            f" But the runs differ by {number(np.sqrt(found.reduced_chi2 or 0.0))} times the noise from what is linear "
+            "in the weights: scatter between mountings, a weight stated wrongly, or a rotor that is not linear."
+        )
+    return said
+
+
+def _rms_um(found: InfluenceBalance) -> tuple[float, float]:
+    """Of the vibration without weights, and with the correction."""
+    before, after = (float(np.sqrt(np.mean(np.abs(z) ** 2))) / MICROMETRE for z in (found.initial, found.left))
+    return before, after
+
+
+def _opposite(unbalance: Fault, rig: Rig) -> str:
+    """The weight against an unbalance."""
+    if unbalance.covariance is not None and not unbalance.differs_from_zero:
+        return f"not different from zero, below {number(unbalance.below / GRAM_MILLIMETRE, 2)} g mm,"
+    size, error = told(unbalance.magnitude, unbalance.half_interval, GRAM_MILLIMETRE)
+    at = rig.convention.angle_deg(unbalance.pair) + 180.0
+    angle, turn = told_angle(at, unbalance.angle_half_interval_deg)
+    return f"{size} g mm at {angle}°" if error == "-" else f"{size} ± {error} g mm at {angle}° ± {turn}°"
+
+
+def influence_json(measurement: Measurement, rig: Rig) -> dict[str, Any] | None:
+    """The same for JSON."""
+    found = measured_influence(measurement)
+    if found is None:
+        return None
+    names, planes = list(rig.planes), {}
+    for plane, fault in zip(weighted_planes(measurement), found.unbalance, strict=True):
+        angle, half = rig.convention.angle_deg(fault.pair) % 360.0, fault.half_interval
+        planes[names[plane]] = {
+            "unbalance_g_mm": fault.magnitude / GRAM_MILLIMETRE,
+            "angle_deg": angle,
+            "correction_angle_deg": (angle + 180.0) % 360.0,
+            "half_interval_g_mm": None if half is None else half / GRAM_MILLIMETRE,
+            "angle_half_interval_deg": fault.angle_half_interval_deg,
+            "differs_from_zero": None if half is None else fault.differs_from_zero,
+        }
+    before, after = _rms_um(found)
+    return {"planes": planes, "rms_before_um": before, "rms_after_um": after, "reduced_chi2": found.reduced_chi2}
 
 
 def predicted_table(model: Model, correction: Correction, speeds_rpm: np.ndarray) -> Table:
     """Vibration at 1X with nothing installed, before and after a correction, at some of the speeds measured."""
     picked = np.unique(np.linspace(0, len(speeds_rpm) - 1, min(MOST_SPEEDS, len(speeds_rpm))).round().astype(int))
     speeds, first = speeds_rpm[picked], model.layout.orders.index(1.0)
-    before, after = (np.abs(z[:, :, first]) / MICROMETRE for z in before_and_after(model, correction, speeds))
-    headers = ["rpm", *(f"{probe} {when} µm" for probe in model.layout.probes for when in ("before", "after"))]
+    vectors = predicted(model, correction, speeds)
+    before = np.abs(vectors.before[:, :, first]) / MICROMETRE
+    after = (np.abs(vectors.after) + vectors.error)[:, :, first] / MICROMETRE
+    headers = ["rpm", *(f"{probe} {when} µm" for probe in model.layout.probes for when in ("before", "after, below"))]
     rows = [
-        [f"{speed:.0f}", *(number(float(z[k, p])) for p in range(before.shape[1]) for z in (before, after))]
+        [
+            f"{speed:.0f}",
+            *(cell for p in range(before.shape[1]) for cell in (number(before[k, p]), number(after[k, p], 2))),
+        ]
         for k, speed in enumerate(speeds)
     ]
     return Table(
         f"Vibration at 1X predicted with the correction in plane {correction.name}, nothing else installed",
         headers,
         rows,
+        "After: the bound (95 %) that the error of the unbalance leaves, with the correction installed exactly. Errors "
+        "of the other parameters and measurement noise come on top.",
     )
 
 
-def balance_json(found: tuple[Correction, ...]) -> dict[str, dict[str, Any]]:
+def balance_json(found: Balance) -> dict[str, dict[str, Any]]:
     """Corrections by plane."""
 
     def grams(unbalance: float, c: Correction) -> float | None:
@@ -156,12 +273,18 @@ def balance_json(found: tuple[Correction, ...]) -> dict[str, dict[str, Any]]:
             "angle_deg": c.angle_deg,
             "correction_g": grams(c.size, c),
             "correction_angle_deg": c.correction_angle_deg,
-            "standard_error_g": grams(c.standard_error, c),
-            "standard_error_g_mm": c.standard_error / GRAM_MILLIMETRE,
-            "holes": [{"hole": part.hole, "mass_g": part.mass_kg / GRAM} for part in c.in_holes],
+            "standard_error_g": grams(c.unbalance.standard_error or 0.0, c),
+            "standard_error_g_mm": (c.unbalance.standard_error or 0.0) / GRAM_MILLIMETRE,
+            "half_interval_g": grams(c.unbalance.half_interval or 0.0, c),
+            "half_interval_g_mm": (c.unbalance.half_interval or 0.0) / GRAM_MILLIMETRE,
+            "angle_half_interval_deg": c.unbalance.angle_half_interval_deg,
+            "holes": [
+                {"hole": part.hole, "angle_deg": part.angle_deg, "mass_g": part.mass_kg / GRAM} for part in c.in_holes
+            ],
             "grade_before": c.grade(c.size),
             "grade_after": c.grade(c.left),
+            "grade_after_below": c.grade(c.left_below),
             "grade_speed_rpm": c.speed / RPM,
         }
-        for c in found
+        for c in found.corrections
     }

@@ -1,28 +1,33 @@
-"""What people read: tables, the verdict in a sentence, JSON, and the HTML report. Engineering units from here on."""
+"""A comparison as people read it: the verdict in a sentence, tables, and the page. Engineering units from here on."""
 
 import math
-from typing import Any
 
 import numpy as np
 
-from rotorjax.data.declarations import Slip
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Cell, Comparison
-from rotorjax.discovery.fit import NORMAL_QUANTILE, Estimate, Fit
+from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.rivals import TIE, Rival
 from rotorjax.discovery.story import CORRELATED, Story
 from rotorjax.inference.noise import FEW_RUNS, NO_SCATTER, scatter_share
 from rotorjax.model.model import Model
+from rotorjax.reporting.critical_speeds import (
+    critical_speeds_lines,
+    critical_speeds_table,
+)
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.sizes import Size, sizes
 from rotorjax.reporting.tables import Table, laid_out, number
+from rotorjax.reporting.wording import opening, plain_name, said
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 WORST = 8
 """Cells shown among the worst."""
 SUSPICIOUS_CHI2 = 0.1
 """Reduced chi-square below which the standard errors of a table cannot be right."""
+CHI2 = "reduced chi² (1 = noise)"
+"""Head of a column: squared residual in squared standard errors per degree of freedom."""
 HELPS = 0.95
 """An addition that leaves more than this share of the error has not helped."""
 
@@ -35,16 +40,18 @@ def measurement_line(m: Measurement) -> str:
         else f"{m.speed_rpm[0]:.0f} rpm"
     )
     orders = ", ".join(f"{order:g}X" for order in m.orders)
-    if m.sigma is None:
+    if m.sigma is None or m.noise_rms is None:
         noise = "noise not given: inferred from what the fit leaves"
     else:
         source = "from repeats" if m.noise == "repeats" else "given"
-        noise = f"standard error {number(float(np.median(m.sigma[m.present])) / MICROMETRE)} µm ({source})"
+        error = float(np.median(m.sigma[m.present])) / MICROMETRE
+        alone = number(m.noise_rms / MICROMETRE)
+        noise = f"standard error {number(error)} µm per component ({source}): noise alone is {alone} µm rms"
     runs = "1 run" if len(m.runs) == 1 else f"{len(m.runs)} runs"
     probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
     return (
         f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} "
-        f"µm rms, {noise}"
+        f"µm rms (over all vectors, zero to peak), {noise}"
     )
 
 
@@ -60,7 +67,7 @@ def verdict(story: Story) -> str:
             return f"{first} {_remains(story)}"
     elif _has_uncertain(story):
         first += f" With its uncertain values fitted {number(before / MICROMETRE)} µm remain."
-    names = ", ".join(story.additions)
+    names = said(story.additions)
     needed = [r for r in story.rivals if r.instead is None and not r.tied]
     if after > HELPS * before and not needed:
         return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
@@ -79,7 +86,7 @@ def _remains(story: Story) -> str:
         return "The noise is unknown, so that nothing says whether what is left is more than noise."
     if _healthy(chi2, story.last):
         return "What is left is what the noise allows."
-    return f"What is left is {number(math.sqrt(chi2))} times the standard error: more than noise."
+    return f"What is left is more than noise: reduced chi² {number(chi2)} (1 = noise only)."
 
 
 def _healthy(chi2: float, view: Comparison) -> bool:
@@ -87,20 +94,30 @@ def _healthy(chi2: float, view: Comparison) -> bool:
     return chi2 <= 1.0 + 4.0 * math.sqrt(2.0 / np.count_nonzero(view.measurement.weights(0.0)))
 
 
-def _fails(view: Comparison, subject: str) -> str:
+def misfit_share(view: Comparison) -> str:
+    """The rms residual, and its share of what was measured."""
     rms, size = view.rms / MICROMETRE, view.measurement.rms / MICROMETRE
     share = f", {number(100.0 * rms / size, 2)} % of the measured {number(size)} µm" if size > 0.0 else ""
-    amount = f"{number(rms)} µm rms{share}"
-    if view.reduced_chi2 is None:
-        return f"{subject} misses by {amount}; the noise is unknown, so that nothing says whether this is much."
-    if _healthy(view.reduced_chi2, view):
+    return f"{number(rms)} µm rms{share}"
+
+
+def _fails(view: Comparison, subject: str) -> str:
+    amount, chi2 = misfit_share(view), view.reduced_chi2
+    if chi2 is None:
+        return (
+            f"{subject} differs from the measurement by {amount}; the noise is unknown, so that nothing says whether "
+            "this is much."
+        )
+    if _healthy(chi2, view):
         return f"{subject} is within the noise: {amount}."
-    return f"{subject} fails: it misses by {amount}, {number(math.sqrt(view.reduced_chi2))} times the standard error."
+    return (
+        f"{subject} fails: it differs from the measurement by {amount}; reduced chi² {number(chi2)} (1 = noise only)."
+    )
 
 
-def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
-    """Where the model fails, worst first."""
-    cells = view.where()
+def worst_cells(view: Comparison, title: str, convention: Convention | None = None, count: int = WORST) -> Table:
+    """Where the model fails, worst first; phases as the rig file counts them."""
+    cells, phase = view.where(), (convention or Convention()).phase
     headers = [
         "run",
         "rpm",
@@ -113,21 +130,25 @@ def worst_cells(view: Comparison, title: str, count: int = WORST) -> Table:
         "amplitude ratio",
         "phase error °",
     ]
-    rows = [_cell_row(cell) for cell in cells[:count]]
+    rows = [_cell_row(cell, -1.0 if phase == "lag" else 1.0) for cell in cells[:count]]
     spare = ["model µm", "amplitude ratio", "phase error °", "std. errors", "measured µm"]
-    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows, spare=spare)
+    note = f"Amplitudes zero to peak, phase {phase}."
+    if view.standardised is not None:
+        note += " Standard errors are those of one component: noise alone gives 1.4 rms."
+    return Table(f"{title} (worst {len(rows)} of {len(cells)})", headers, rows, note, spare=spare)
 
 
-def _cell_row(cell: Cell) -> list[str]:
+def _cell_row(cell: Cell, sign: float) -> list[str]:
+    phase_error = None if cell.phase_error_deg is None else sign * cell.phase_error_deg
     return [
-        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured),
-        _polar(cell.predicted), number(cell.residual_um),
-        number(cell.standardised), number(cell.amplitude_ratio), number(cell.phase_error_deg),
+        cell.run, f"{cell.speed_rpm:.0f}", cell.probe, f"{cell.order:g}X", _polar(cell.measured, sign),
+        _polar(cell.predicted, sign), number(cell.residual_um),
+        number(cell.standardised), number(cell.amplitude_ratio), number(phase_error),
     ]  # fmt: skip
 
 
-def _polar(z: complex) -> str:
-    return f"{number(abs(z) / MICROMETRE)} at {math.degrees(math.atan2(z.imag, z.real)):.0f}°"
+def _polar(z: complex, sign: float) -> str:
+    return f"{number(abs(z) / MICROMETRE)} at {sign * math.degrees(math.atan2(z.imag, z.real)) + 0.0:.0f}°"
 
 
 def share_table(view: Comparison, title: str, most: int = 6) -> Table:
@@ -170,44 +191,28 @@ def fall_table(story: Story) -> Table:
         state = "" if fitted is None or fitted.converged else "not converged"
         rows.append([label, number(view.rms / MICROMETRE), held, number(chi2), state])
     reason = story.fits[-1].held_out_reason if story.fits else ""
-    note = f"Nothing held out: {reason}." if reason else ""
-    headers = ["step", "rms µm", "held out µm", "chi² / freedom", ""]
-    return Table("The error as effects are added", headers, rows, note, spare=["chi² / freedom", "held out µm"])
+    note = f"The error on data held out is not known: {reason}." if reason else ""
+    headers = ["step", "rms µm", "held out µm", CHI2, ""]
+    return Table("The error as effects are added", headers, rows, note, spare=[CHI2, "held out µm"])
 
 
-def parameter_table(fitted: Fit) -> Table:
-    """Fitted parameters with 95 % intervals, and what their prior was."""
-    rows = [_parameter_row(e, fitted.quantile) for e in fitted.estimates]
-    note = "In rig files and with --effect the same values are in SI, the unit at the end of the name."
-    headers = ["parameter", "value", "±", "unit", "prior ±", "remark"]
-    return Table("Parameters (95 % intervals)", headers, rows, note, spare=["prior ±"])
-
-
-def _parameter_row(estimate: Estimate, quantile: float) -> list[str]:
-    entry, unit = estimate.entry, estimate.entry.unit
-    remarks = []
-    if not estimate.determined:
-        remarks.append("not determined by these data: the interval is the prior's")
-    if estimate.finding:
-        remarks.append(f"moved by {abs(estimate.pull):.1f} of its standard deviations: a finding")
-    elif entry.declared_uncertain:
-        remarks.append("declared uncertain")
-    value, error = estimate.value / unit.factor, quantile * estimate.standard_error / unit.factor
-    return [
-        entry.key,
-        number(value, 4),
-        number(error, 2),
-        unit.shown,
-        number(NORMAL_QUANTILE * entry.scale / unit.factor, 2),
-        "; ".join(remarks),
+def parameter_table(fitted: Fit, convention: Convention | None = None) -> Table:
+    """Fitted sizes with 95 % intervals, the names that rig files have for them, and what their prior was."""
+    effects = tuple(dict.fromkeys(e.entry.effect for e in fitted.estimates))
+    rows = [
+        [size.effect, size.what, size.value, size.prior, ", ".join(size.labels), size.remark]
+        for size in sizes(fitted, effects, convention)
     ]
+    note = "In rig files and with --effect values are in SI, the unit at the end of the name; --write-rig writes them."
+    headers = ["effect", "size of", "value (95 % interval)", "prior ±", "in rig files", "remark"]
+    return Table("Parameters", headers, rows, note, spare=["prior ±", "in rig files", "remark"])
 
 
 def findings(story: Story) -> list[str]:
     """What else a user must know: ties, effects without use, combinations, scatter between runs,
     failures to converge.
     """
-    lines = []
+    lines = [f"{note}." for note in story.measurement.notes]
     if story.undriven:
         names = ", ".join(f"{order:g}X" for order in story.undriven)
         lines.append(
@@ -226,8 +231,7 @@ def findings(story: Story) -> list[str]:
         chi2 = story.declared.reduced_chi2 if last.reduced_chi2 is None else last.reduced_chi2
         if chi2 is not None and chi2 < SUSPICIOUS_CHI2:
             lines.append(
-                f"Reduced chi-square {number(chi2)}: sigma_um looks far too large, so that nothing can be told from "
-                "noise."
+                f"Reduced chi² {number(chi2)}: sigma_um looks far too large, so that nothing can be told from noise."
             )
         if last.misfit > 0.0 and len(story.measurement.runs) < FEW_RUNS and story.measurement.sigma is not None:
             lines.append("With fewer than four runs the intervals cannot account for scatter between runs.")
@@ -257,7 +261,7 @@ def _scatter_line(story: Story) -> str:
     sizes = [f"unbalance of {number(scatter.unbalance_kg_m / GRAM_MILLIMETRE)} g mm"] if scatter.unbalance_kg_m else []
     sizes += [f"bow of {number(scatter.bow_m / MICROMETRE)} µm"] if scatter.bow_m else []
     return (
-        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, told from what influence "
+        f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, inferred from what influence "
         "coefficients leave, "
         f"accounts for {100.0 * share:.0f} % of the squared residual."
     )
@@ -267,12 +271,13 @@ def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
     out = next((r for r in found if r.instead is None), None)
     if out is not None and out.tied:
         how = "as good" if out.loss > -TIE else "better"
-        return [f"{name} is not needed: without it the fit is {how} ({number(out.rms / MICROMETRE)} µm rms)."]
+        rms = number(out.rms / MICROMETRE)
+        return [f"{opening(plain_name(name))} is not needed: without it the fit is {how} ({rms} µm rms)."]
     lines = []
     for rival in found:
         if rival.instead is not None and rival.tied:
             lines.append(
-                f"{name} ties with {rival.instead}: with the latter instead the fit is as good "
+                f"{opening(plain_name(name))} ties with {plain_name(rival.instead)}: with that the fit is as good "
                 f"({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
             )
     return lines
@@ -284,76 +289,27 @@ def _why(rival: Rival, story: Story) -> str:
     return ""
 
 
-def comparison_text(story: Story, *, width: int | None = None) -> str:
-    """Everything that `rotorjax compare` prints. **Arguments:** ``width``: columns of the terminal, if it is one."""
-    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story)]
-    if story.fits:
-        parts += step_tables(story)
+def comparison_text(story: Story, convention: Convention | None = None, *, width: int | None = None) -> str:
+    """Everything that `rotorjax compare` prints. **Arguments:** ``convention`` of angles; ``width``: columns of the
+    terminal, if it is one.
+    """
+    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story), *critical_speeds_lines(story)]
+    parts += _comparison_tables(story, convention)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
-    parts += [worst_cells(story.last, title), share_table(story.last, "Share of the misfit")]
+    parts += [worst_cells(story.last, title, convention), share_table(story.last, "Share of the misfit")]
     return laid_out(parts, width, everything="--report FILE.html")
 
 
-def step_tables(story: Story) -> list[Table]:
-    """The fall of the error, and the parameters if any were fitted."""
-    return [fall_table(story), *([parameter_table(story.fits[-1])] if story.fits[-1].estimates else [])]
+def _comparison_tables(story: Story, convention: Convention | None) -> list[Table]:
+    """What fitting brought, and critical speeds."""
+    critical = critical_speeds_table(story)
+    return [*(step_tables(story, convention) if story.fits else []), *([] if critical is None else [critical])]
 
 
-def comparison_json(story: Story) -> dict[str, Any]:
-    """What ``compare --json`` writes: the model as it is at the end, what it was before, and every step."""
-    return {
-        "verdict": verdict(story),
-        "written_down_wrongly": slip_json(story.slip),
-        **view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
-        "noise": "inferred" if story.measurement.noise != "given" else "given",
-        "before": view_json(story.declared, story.declared.reduced_chi2),
-        "steps": [
-            step_json(label, view, fitted)
-            for label, (view, fitted) in zip(step_labels(story), steps(story), strict=True)
-        ],
-        "ties": [[[r.effect], [r.instead]] for r in story.rivals if r.tied and r.instead],
-        "not_needed": [r.effect for r in story.rivals if r.tied and r.instead is None],
-        "run_scatter": story.fits[-1].run_scatter.as_json()
-        if story.fits and story.fits[-1].run_scatter != NO_SCATTER
-        else None,
-        "findings": findings(story),
-    }
-
-
-def slip_json(slip: Slip | None) -> dict[str, str] | None:
-    """What was written down wrongly, if anything, and what to change."""
-    return None if slip is None else {"name": slip.name, "meaning": slip.meaning, "change": slip.cure}
-
-
-def view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:
-    """Error, where it sits, and its shares."""
-    where = [
-        {
-            "run": c.run, "speed_rpm": c.speed_rpm, "probe": c.probe, "order": c.order, "residual_um": c.residual_um,
-            "standardised": c.standardised, "amplitude_ratio": c.amplitude_ratio, "phase_error_deg": c.phase_error_deg,
-        }
-        for c in view.where()
-    ]  # fmt: skip
-    return {"rms_um": view.rms / MICROMETRE, "reduced_chi2": chi2, "where": where, "share": view.share()}
-
-
-def step_json(label: str, view: Comparison, fitted: Fit | None) -> dict[str, Any]:
-    """Error and parameters at one step."""
-    parameters: dict[str, dict[str, Any]] = {}
-    for e in fitted.estimates if fitted else ():
-        inner = parameters.setdefault(e.entry.effect, {})
-        inner[e.entry.label] = {"value": e.value, "standard_error": e.standard_error, "determined": e.determined}
-    return {
-        "added": label.removeprefix("+ ") if label.startswith("+ ") else None,
-        "step": label,
-        "rms_um": view.rms / MICROMETRE,
-        "reduced_chi2": fitted.reduced_chi2 if fitted else view.reduced_chi2,
-        "held_out_rms_um": fitted.held_out_rms / MICROMETRE if fitted and fitted.held_out_rms is not None else None,
-        "held_out_reason": fitted.held_out_reason or None if fitted else "nothing was fitted",
-        "converged": fitted.converged if fitted else True,
-        "parameters": parameters,
-    }
+def step_tables(story: Story, convention: Convention | None = None) -> list[Table]:
+    """The fall of the error, and the parameters if any were fitted. **Arguments:** ``convention`` of angles."""
+    return [fall_table(story), *([parameter_table(story.fits[-1], convention)] if story.fits[-1].estimates else [])]
 
 
 def sizes_by_effect(
@@ -380,20 +336,21 @@ def comparison_page(
     without scrolling.
     """
     shares = share_table(story.last, "Share of what is left" if story.fits else "Share of the misfit")
-    where = [worst_cells(story.declared, "Where the model as declared fails")] + (
-        [worst_cells(story.last, "Where it still fails")] if story.fits else []
+    where = [worst_cells(story.declared, "Where the model as declared fails", convention)] + (
+        [worst_cells(story.last, "Where it still fails", convention)] if story.fits else []
     )
     names = tuple(dict.fromkeys(story.additions))
     found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
-    headline = Headline("compared", verdict(story), "", found, [], Picture.every(first or []))
-    tables = step_tables(story) if story.fits else []
+    lines = critical_speeds_lines(story)
+    headline = Headline("compared", verdict(story), "", found, lines, Picture.every(first or []))
+    tables = _comparison_tables(story, convention)
     return Page(
         title,
         headline,
-        "",
         measurement_line(story.measurement),
         findings(story),
         tables,
         Picture.every(pictures),
         [*where, shares],
+        phase=(convention or Convention()).phase,
     )

@@ -25,6 +25,8 @@ class Curve(NamedTuple):
     """[m]; not a number where no steady motion was found."""
     spread: Float[np.ndarray, "speed 2"] | None = None
     """Half the 95 % interval along the vector and across it [m]; none where nothing was fitted."""
+    lag: bool = False
+    """Whether phases are shown as lags, not as leads."""
 
     @property
     def amplitude_um(self) -> Float[np.ndarray, "speed"]:
@@ -34,8 +36,8 @@ class Curve(NamedTuple):
 
     @property
     def phase_deg(self) -> Float[np.ndarray, "speed"]:
-        """Phase lead without jumps of 360°; it begins between -180° and 180°."""
-        angle, seen = np.degrees(np.angle(self.vectors)), np.isfinite(self.amplitude_um)
+        """Phase without jumps of 360°; it begins between -180° and 180°."""
+        angle, seen = (-1.0 if self.lag else 1.0) * np.degrees(np.angle(self.vectors)), np.isfinite(self.amplitude_um)
         angle[seen] = np.unwrap(angle[seen], period=360.0)
         return np.where(seen, angle, np.nan)
 
@@ -49,7 +51,7 @@ class Curve(NamedTuple):
 
     @property
     def band_deg(self) -> tuple[Float[np.ndarray, "speed"], Float[np.ndarray, "speed"]] | None:
-        """Lower and upper limit of the phase lead."""
+        """Lower and upper limit of the phase."""
         if self.spread is None:
             return None
         half = np.degrees(np.arctan(self.spread[:, 1] / MICROMETRE / self.amplitude_um))
@@ -72,17 +74,17 @@ class Curves(NamedTuple):
     factor: Float[np.ndarray, "speed probe order 2 free"] | None = None
     """Real and imaginary part by unit deviations of what was fitted, times half a 95 % interval [m]."""
 
-    def of(self, probe: int, order: int) -> Curve:
-        """Those of one probe and order, by their place."""
+    def of(self, probe: int, order: int, *, lag: bool = False) -> Curve:
+        """Those of one probe and order, by their place. **Arguments:** ``lag``: whether phases are shown as lags."""
         z = self.vectors[:, probe, order]
         if self.factor is None:
-            return Curve(self.speed_rpm, z)
+            return Curve(self.speed_rpm, z, lag=lag)
         real, imaginary = self.factor[:, probe, order, 0], self.factor[:, probe, order, 1]
         angle = np.angle(z)[:, None]
         along = np.cos(angle) * real + np.sin(angle) * imaginary
         across = np.cos(angle) * imaginary - np.sin(angle) * real
         spread = np.stack([np.linalg.norm(along, axis=1), np.linalg.norm(across, axis=1)], axis=1)
-        return Curve(self.speed_rpm, z, spread)
+        return Curve(self.speed_rpm, z, spread, lag)
 
 
 def shown_speeds(m: Measurement) -> Float[np.ndarray, "speed"]:

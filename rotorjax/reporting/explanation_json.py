@@ -4,15 +4,17 @@ import math
 from typing import Any
 
 from rotorjax.data.rig import Rig
-from rotorjax.diagnosis.critical_speeds import critical_speeds
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.named_force import NamedForce
+from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
+from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
-from rotorjax.reporting.comparison import slip_json, step_json, view_json
-from rotorjax.reporting.explanation import before_and_after, corrections_of, notes, sentence
+from rotorjax.reporting.comparison_json import slip_json, step_json, view_json
+from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
+from rotorjax.reporting.explanation import balance_of, notes
 from rotorjax.units import MICROMETRE
 
 
@@ -34,7 +36,6 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "uncertain_values": {k: v for k, v in every[0]["parameters"].items() if k in uncertain},
         "parameters": {},
     }
-    n = found.next_measurement
     return {
         "verdict": found.verdict,
         "sentence": sentence(found),
@@ -50,24 +51,30 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
         "detected_but_small": [small._asdict() for small in found.detected_but_small],
         "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
-        "next_measurement": None
-        if n is None
-        else {
-            "run": n.run,
-            "speed_rpm": n.speed_rpm,
-            "new_probes": list(n.new_probes),
-            "separates": [" + ".join(names) for names in n.separates],
-            "standardised_difference": n.standardised_difference,
-        },
+        "next_measurement": _next_measurement_json(found.next_measurement),
         "noise": "given" if found.contest.measurement.noise == "given" else "inferred",
         "run_scatter": found.noise.scatter.as_json() if found.noise.scatter != NO_SCATTER else None,
         "p_value": None if found.p_value is None else found.p_value.value,
         "p_value_draws": None if found.p_value is None else found.p_value.draws,
-        "balance": balance_json(corrections_of(found, rig)),
-        "critical_speeds": _critical_speeds_json(found),
+        "balance": balance_json(balance_of(found, rig)),
+        "no_correction": balance_of(found, rig).why_none or None,
+        "critical_speeds": critical_speeds_json(story),
+        "stability": stability_json(story),
         "missing_force": _missing_force_json(found.named_force),
         "findings": notes(found),
         "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
+    }
+
+
+def _next_measurement_json(proposal: Proposal | None) -> dict[str, Any] | None:
+    if proposal is None:
+        return None
+    return {
+        "run": proposal.run,
+        "speed_rpm": proposal.speed_rpm,
+        "new_probes": list(proposal.new_probes),
+        "separates": [" + ".join(names) for names in proposal.separates],
+        "standardised_difference": proposal.standardised_difference,
     }
 
 
@@ -94,17 +101,6 @@ def _near(found: Explanation, step: int) -> list[list[list[str]]]:
         if r is not added and r.effect != "none" and abs(r.log_evidence - added.log_evidence) < TIE
     ]
     return [[[added.effect], *others]] if others and added.effect != "none" else []
-
-
-def _critical_speeds_json(found: Explanation) -> dict[str, list[dict[str, float | None]]]:
-    before, after = (
-        [
-            {"speed_rpm": one.speed_rpm, "amplification_factor": one.amplification, "damping_ratio": one.damping_ratio}
-            for one in critical_speeds(model)
-        ]
-        for model in before_and_after(found)
-    )
-    return {"before": before, "after": after}
 
 
 def _missing_force_json(named: NamedForce | None) -> dict[str, Any] | None:

@@ -8,7 +8,7 @@ import numpy as np
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import to_rows
 from rotorjax.discovery.compare import Comparison
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
 from rotorjax.reporting.comparison import step_labels, steps

@@ -1,14 +1,16 @@
 """The HTML report: one file that needs no network and no script."""
 
 import base64
+from collections.abc import Mapping
 from importlib.resources import files
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jinja2
 
 from rotorjax.data.names import harmless
 from rotorjax.reporting.sizes import Size
 from rotorjax.reporting.tables import Table, is_number
+from rotorjax.reporting.wording import plain_name
 
 
 class Picture(NamedTuple):
@@ -48,19 +50,25 @@ class Page(NamedTuple):
 
     title: str
     headline: Headline
-    verdict: str
-    """The result in a few sentences."""
     measurement: str
     findings: list[str]
+    """What else is to be known, beside the headline."""
     tables: list[Table]
     pictures: list[Picture]
     where: list[Table]
     cost: str = ""
     """The last line: what it took."""
+    phase: str = "lead"
+    """How phases are shown."""
 
 
 def html_report(page: Page) -> str:
-    """A report as one HTML file that needs no network. All text is escaped, control characters are written out."""
+    """A report as one HTML file that needs no network."""
+    return rendered("report.html", page._asdict())
+
+
+def rendered(template: str, content: Mapping[str, Any]) -> str:
+    """A page from one of the templates. All text is escaped, control characters are written out."""
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -69,7 +77,6 @@ def html_report(page: Page) -> str:
         finalize=lambda value: harmless(value) if type(value) is str else value,
     )
     environment.tests["numeric"] = is_number
-    template = environment.from_string(
-        files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8")
-    )
-    return template.render(page._asdict())
+    environment.filters["plain"] = plain_name
+    source = files("rotorjax").joinpath(f"reporting/templates/{template}").read_text(encoding="utf-8")
+    return environment.from_string(source).render(content)

@@ -1,5 +1,7 @@
 """The pictures of a comparison: which views to draw, from which runs; the drawing itself is in `plots`."""
 
+from typing import Literal
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,24 +17,28 @@ from rotorjax.reporting.comparison import step_labels, steps
 from rotorjax.reporting.curves import Curves, declared_curves, fitted_curves
 from rotorjax.units import MICROMETRE
 
+Phase = Literal["lead", "lag"]
 MOST_RUNS = 3
 """Runs in one Bode plot: more cannot be told apart."""
 MOST_SHOWN = 6
 """Effects in a picture of probabilities."""
 
 
-def story_pictures(story: Story) -> list[tuple[str, bytes]]:
-    """Caption and SVG of every view: the fall of the error, Bode, polar, map of residuals."""
+def story_pictures(story: Story, phase: Phase = "lead") -> list[tuple[str, bytes]]:
+    """Caption and SVG of every view: the fall of the error, Bode, polar, map of residuals.
+
+    **Arguments:** ``phase``: how phases are shown.
+    """
     figures = []
     if story.changed:
         figures.append(("The error step by step as effects were added.", _fall(story)))
     subject = "the model with what was added" if story.changed else "the model"
-    figures.append((_bode_caption(story), _bode(story)))
+    figures.append((_bode_caption(story), _bode(story, phase)))
     figures.append(
         (
-            f"Vectors in the complex plane: each measured one is tied to where {subject} puts it, a cross; the runs in "
+            f"Vectors in the polar plane: each measured one is tied to where {subject} puts it, a cross; the runs in "
             "colour are those above, joined in the order of speed.",
-            _polar(story),
+            _polar(story, phase),
         )
     )
     figures.append(
@@ -81,9 +87,9 @@ def first_pictures(story: Story) -> list[tuple[str, bytes]]:
     ]
 
 
-def explanation_pictures(found: Explanation) -> list[tuple[str, bytes]]:
+def explanation_pictures(found: Explanation, phase: Phase = "lead") -> list[tuple[str, bytes]]:
     """The same, and the force that is missing, where it was shown."""
-    pictures = story_pictures(found.story)
+    pictures = story_pictures(found.story, phase)
     named = found.named_force
     if named is not None and named.force.reason is None:
         beside = f"the model with {' and '.join(named.beside)}" if named.beside else "the model as declared"
@@ -178,8 +184,8 @@ def _last_curves(story: Story, run: str) -> Curves:
     return fitted_curves(story.fits[-1], run) if story.fits else declared_curves(story.model, story.measurement, run)
 
 
-def _bode(story: Story) -> Figure:
-    m, order, runs = story.measurement, first_order(story.measurement), shown_runs(story.last)
+def _bode(story: Story, phase: Phase) -> Figure:
+    m, order, runs, lag = story.measurement, first_order(story.measurement), shown_runs(story.last), phase == "lag"
     after = {run: _last_curves(story, run) for run in runs}
     before = {run: declared_curves(story.model, m, run) for run in runs} if _has_before(story) else None
     critical = critical_speeds_rpm(story.final_model)
@@ -191,10 +197,10 @@ def _bode(story: Story) -> Figure:
             axes[k],
             axes[count + k],
             story.last,
-            {run: curve.of(*at) for run, curve in after.items()},
+            {run: curve.of(*at, lag=lag) for run, curve in after.items()},
             probe=probe,
             order=order,
-            before=None if before is None else {run: curve.of(*at) for run, curve in before.items()},
+            before=None if before is None else {run: curve.of(*at, lag=lag) for run, curve in before.items()},
             critical_rpm=list(critical),
         )
     handles, labels = axes[0].get_legend_handles_labels()
@@ -202,12 +208,12 @@ def _bode(story: Story) -> Figure:
     return drawn
 
 
-def _polar(story: Story) -> Figure:
+def _polar(story: Story, phase: Phase) -> Figure:
     m = story.measurement
     count = len(m.probes_read)
     drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
     for each, probe in zip(axes, m.probes_read, strict=True):
-        plots.polar(each, story.last, probe=probe, order=first_order(m), runs=shown_runs(story.last))
+        plots.polar(each, story.last, probe=probe, order=first_order(m), runs=shown_runs(story.last), phase=phase)
     axes[0].legend(fontsize=8)
     return drawn
 
@@ -247,7 +253,7 @@ class Plots:
     def polar(
         self, ax: Axes | None = None, *, probe: str | None = None, order: float | None = None, declared: bool = False
     ) -> Axes:
-        """Vectors in the complex plane, each tied to where the model puts it; ``declared``: the model before anything
+        """Vectors in the polar plane, each tied to where the model puts it; ``declared``: the model before anything
         was added.
         """
         m, view = self._story.measurement, self._story.declared if declared else self._story.last

@@ -11,17 +11,20 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter
 
 from rotorjax.data.names import harmless
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
 from rotorjax.physics.harmonic_balance import SAMPLES
 from rotorjax.reporting.curves import Curve
+from rotorjax.reporting.wording import percent
 from rotorjax.units import MICROMETRE
 
 COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
 """Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
+CIRCLES, LABELLED = 4, np.radians(15.0)
+"""Circles of amplitude in a polar plot, and where their sizes are written."""
 
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
@@ -57,19 +60,20 @@ def bode(
     before: Mapping[str, Curve] | None = None,
     critical_rpm: Sequence[float] = (),
 ) -> tuple[Axes, Axes]:
-    """Amplitude, logarithmic, and leading phase, without jumps, over speed: one colour per run, measured as dots.
+    """Amplitude, logarithmic, and phase, without jumps, over speed: one colour per run, measured as dots.
 
     **Arguments:** ``after``: what the model shows by run, solid with its 95 % band if it has one; ``before``: the same
     as declared, dashed; ``critical_rpm``: critical speeds to mark.
     """
-    m = view.measurement
+    m, lag = view.measurement, any(curve.lag for curve in after.values())
+    sign = -1.0 if lag else 1.0
     k, n = m.probes.index(probe), m.orders.index(order)
     for colour, (run, curve) in zip(COLOURS, after.items(), strict=False):
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
         speed, z = m.speed_rpm[cases], view.measured[cases, k, n] / MICROMETRE
         dots = {"color": colour, "markersize": 4.5, "zorder": 3}
         amplitude.plot(speed, np.abs(z), "o", label=f"{plain(run)}, measured", **dots)
-        phase.plot(speed, curve.near(speed, np.degrees(np.angle(z))), "o", **dots)
+        phase.plot(speed, curve.near(speed, sign * np.degrees(np.angle(z))), "o", **dots)
         for axes, line, band in (
             (amplitude, curve.amplitude_um, curve.band_um),
             (phase, curve.phase_deg, curve.band_deg),
@@ -89,7 +93,7 @@ def bode(
         axes.grid(alpha=0.3)
     _logarithmic(amplitude)
     amplitude.set(ylabel=f"{plain(probe)} {order:g}X amplitude, µm (0-peak)")
-    phase.set(ylabel="phase lead, degrees", xlabel="speed, rpm")
+    phase.set(ylabel=f"phase {'lag' if lag else 'lead'}, degrees", xlabel="speed, rpm")
     phase.yaxis.set_major_locator(MultipleLocator(90.0 if np.ptp(phase.get_ylim()) < 720.0 else 180.0))
     return amplitude, phase
 
@@ -140,10 +144,19 @@ def before_after(
     return axes
 
 
-def polar(axes: Axes, view: Comparison, *, probe: str, order: float, runs: Sequence[str] = ()) -> Axes:
-    """Measured vectors in the complex plane as dots, each tied to where the model puts it, a cross.
+def polar(
+    axes: Axes,
+    view: Comparison,
+    *,
+    probe: str,
+    order: float,
+    runs: Sequence[str] = (),
+    phase: Literal["lead", "lag"] = "lead",
+) -> Axes:
+    """Measured vectors in the polar plane as dots, each tied to where the model puts it, a cross.
 
-    **Arguments:** ``runs`` to show in colour, joined in the order of speed, the speeds of the first labelled.
+    Leads count counterclockwise, as the shaft turns in this plane; lags clockwise. **Arguments:** ``runs`` to show in
+    colour, joined in the order of speed, the speeds of the first labelled; ``phase``: how angles are labelled.
     """
     m = view.measurement
     k, n = m.probes.index(probe), m.orders.index(order)
@@ -161,13 +174,39 @@ def polar(axes: Axes, view: Comparison, *, probe: str, order: float, runs: Seque
         axes.plot(z.real[own], z.imag[own], "o-", color=colour, markersize=4, linewidth=0.9, label=plain(run), zorder=3)
         if run == runs[0]:
             _label_speeds(axes, z[own], m.speed_rpm[cases][own])
-    axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
-    axes.axvline(0.0, color="0.8", linewidth=0.7, zorder=0)
-    axes.set(xlabel=f"{plain(probe)} {order:g}X in phase, µm", ylabel="90° ahead, µm")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.locator_params(axis="x", nbins=5)
-    axes.grid(alpha=0.3)
+    largest = max(float(np.abs(part).max()) for part in (z, model)) if len(z) else 1.0
+    _graticule(axes, largest or 1.0, phase)
+    axes.set(
+        xlabel=f"phase {phase} in degrees, counted {'with' if phase == 'lead' else 'against'} the rotation",
+        ylabel=f"{plain(probe)} {order:g}X, µm (0-peak)",
+    )
     return axes
+
+
+def _graticule(axes: Axes, largest: float, phase: Literal["lead", "lag"]) -> None:
+    """Circles of amplitude and lines of phase with their labels, and an arrow with the rotation, in the place of axes.
+
+    **Arguments:** ``largest`` amplitude to show [µm].
+    """
+    step = float(MaxNLocator(CIRCLES, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, largest)[1])
+    rim, turn = step * np.ceil(largest / step - 1e-9), 2.0 * np.pi * np.arange(361) / 360.0
+    thin = {"color": "0.8", "linewidth": 0.7, "zorder": 0}
+    for radius in np.arange(step, rim + 0.5 * step, step):
+        axes.plot(radius * np.cos(turn), radius * np.sin(turn), "-", **thin)
+        axes.annotate(f"{radius:g}", (radius * np.cos(LABELLED), radius * np.sin(LABELLED)), fontsize=7, color="0.4")
+    for degrees in range(0, 360, 30):
+        angle = np.radians(degrees if phase == "lead" else -degrees)
+        at = np.array([np.cos(angle), np.sin(angle)])
+        axes.plot([0.0, rim * at[0]], [0.0, rim * at[1]], "-", **thin)
+        axes.annotate(f"{degrees}°", tuple(1.09 * rim * at), fontsize=8, color="0.3", ha="center", va="center")
+    arc = 1.2 * rim * np.exp(1j * np.radians([35.0, 55.0]))
+    bent = {"arrowstyle": "->", "connectionstyle": "arc3,rad=0.18", "color": "0.3"}
+    axes.annotate("", (arc[1].real, arc[1].imag), (arc[0].real, arc[0].imag), arrowprops=bent)
+    axes.annotate("rotation", (arc[0].real, arc[0].imag), fontsize=7, color="0.3", ha="left", va="top")
+    axes.set(xlim=(-1.3 * rim, 1.3 * rim), ylim=(-1.3 * rim, 1.3 * rim), xticks=[], yticks=[])
+    axes.set_aspect("equal", adjustable="box")
+    for spine in axes.spines.values():
+        spine.set_visible(False)
 
 
 def _label_speeds(axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"]) -> None:
@@ -245,7 +284,7 @@ def error_fall(
             label="held out",
         )
     if noise_um is not None:
-        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise of the table")
+        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise alone (√2 standard errors)")
     for x, value in zip(at, rms_um, strict=True):
         axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(8, 4), fontsize=8)
     axes.set_yscale("log")
@@ -264,7 +303,7 @@ def probabilities(axes: Axes, effects: list[str], values: list[float]) -> Axes:
     axes.barh(at, values, color=["0.65" if name == "none" else COLOURS[0] for name in effects])
     for y, value in zip(at, values, strict=True):
         axes.annotate(
-            f"{100.0 * value:.1f} %" if value > 5e-4 else "< 0.1 %",
+            percent(value),
             (value, y),
             textcoords="offset points",
             xytext=(4, 0),

@@ -10,8 +10,9 @@ from rotorjax.data.files import write_whole
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import harmless
 from rotorjax.data.rig import Rig
+from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Comparison
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
 from rotorjax.model.model import Model
@@ -39,7 +40,7 @@ def summary(result: Any, rig: Rig | None = None) -> str:
     if isinstance(result, Explanation):
         return explanation_text(result, rig)
     if isinstance(result, Story):
-        return comparison_text(result)
+        return comparison_text(result, None if rig is None else rig.convention)
     if isinstance(result, Measurement):
         return measurement_line(result)
     return "\n\n".join(
@@ -49,17 +50,19 @@ def summary(result: Any, rig: Rig | None = None) -> str:
 
 def write_report(path: Path, result: Explanation | Story, rig: Rig | None = None, *, title: str = "") -> Path:
     """Write the HTML report of a comparison or of an explanation."""
+    convention = Convention() if rig is None else rig.convention
     if isinstance(result, Story):
-        first, convention = pictures.first_pictures(result), None if rig is None else rig.convention
+        first = pictures.first_pictures(result)
         page = comparison_page(
             result,
-            title=title or "Model against measurement",
-            pictures=pictures.story_pictures(result),
+            title=title or "Model and measurement",
+            pictures=pictures.story_pictures(result, convention.phase),
             first=first,
             convention=convention,
         )
     else:
-        first, every = pictures.first_pictures(result.story), pictures.explanation_pictures(result)
+        first = pictures.first_pictures(result.story)
+        every = pictures.explanation_pictures(result, convention.phase)
         page = explanation_page(result, title=title or "What the model lacks", pictures=every, first=first, rig=rig)
     write_whole(path, html_report(page))
     return path

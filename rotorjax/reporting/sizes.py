@@ -1,20 +1,52 @@
 """Sizes of fitted effects as an engineer states them: magnitude and angle, percent, a gap; with 95 % intervals."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from rotorjax.data.rig_sections import Convention
-from rotorjax.discovery.fit import Estimate, Fit
+from rotorjax.discovery.fit import Fit
+from rotorjax.inference.estimates import NORMAL_QUANTILE, Estimate
 from rotorjax.reporting.tables import number
+from rotorjax.reporting.wording import plain_name, with_error
 from rotorjax.units import DEGREE
 
 VECTORS = ("kg m", "m", "N")
 """Units of parameters along x and y that are the parts of one vector."""
+WORDS = {
+    "cosine_n": "force, cosine part",
+    "cosine_n_per_m": "stiffness, cosine part",
+    "cross_stiffness_n_per_m": "cross-coupled stiffness",
+    "cubic_n_per_m3": "cubic stiffness",
+    "damping_n_s2_per_m2": "drag",
+    "difference_x_n_per_m": "half difference of stiffness",
+    "force_1_x_n": "1X force",
+    "force_2_x_real_n": "2X force x",
+    "force_2_y_real_n": "2X force y",
+    "friction": "coefficient of friction",
+    "growth_per_m": "growth of stiffness",
+    "inertia_ratio_kg": "polar inertia, as a mass",
+    "log_damping": "damping ratio over 0.05",
+    "log_frequency": "natural frequency over the rotor's",
+    "loss_x_n_per_m": "loss of stiffness",
+    "real_m": "runout",
+    "sine_n": "force, sine part",
+    "sine_n_per_m": "stiffness, sine part",
+    "stiffness_n_per_m": "contact stiffness",
+}
+"""What parameters are called whose name says too little."""
+DOUBLED = ("difference_x_n_per_m",)
+"""Vectors that stand at twice the angle of the axis that they tell."""
 SURE_OF_ANGLE = 60.0
 """Half of a 95 % interval of an angle [degrees] up to which the angle is told."""
+NOT_DETERMINED = "not determined"
+LINEAR = 0.2
+"""Half of an interval of a logarithm up to which exp(x) is 1 + x to one digit of the error."""
+RATIOS = ("error", "gain")
+"""How parameters begin that are relative errors: they are stated in percent, with their sign."""
 
 
 class Size(NamedTuple):
@@ -22,9 +54,19 @@ class Size(NamedTuple):
 
     effect: str
     what: str
-    """What it is the size of: "unbalance", "cross-coupled stiffness k"."""
+    """What it is the size of: "unbalance", "cross stiffness"."""
     value: str
     """With unit and 95 % interval."""
+    labels: tuple[str, ...]
+    """Its parameters as rig files name them."""
+    prior: str = ""
+    """Half the 95 % interval that it had before the data."""
+    remark: str = ""
+
+    @property
+    def determined(self) -> bool:
+        """Whether the data say anything of it."""
+        return not self.value.startswith(NOT_DETERMINED)
 
 
 def sizes(fitted: Fit, effects: tuple[str, ...], convention: Convention | None = None) -> list[Size]:
@@ -35,17 +77,30 @@ def sizes(fitted: Fit, effects: tuple[str, ...], convention: Convention | None =
     convention, found = convention or Convention(), []
     for effect in effects:
         own = {e.entry.label: e for e in fitted.estimates if e.entry.effect == effect}
+        alone = len(own) == 1
         while own:
             label, first = next(iter(own.items()))
-            partner = _partner(label)
-            second = own.get(partner) if partner else None
-            for gone in (label, partner):
-                own.pop(gone or "", None)
-            if second is None:
-                found.append(Size(effect, _what(first), _single(first, fitted.quantile)))
+            second = own.get(_partner(label) or "")
+            parts = (first,) if second is None else (first, second)
+            for part in parts:
+                own.pop(part.entry.label)
+            what = _what(first, single=second is None)
+            if not any(part.determined for part in parts):
+                value = NOT_DETERMINED
+            elif second is None:
+                value = _single(first, fitted, alone=alone)
             else:
-                found.append(Size(effect, _name(label), _pair(first, second, fitted, convention)))
+                value = _pair(first, second, fitted, convention)
+            labels = tuple(part.entry.label for part in parts)
+            found.append(Size(effect, what, value, labels, _prior(first, fitted), _remark(parts)))
     return found
+
+
+def _remark(parts: tuple[Estimate, ...]) -> str:
+    moved = [part for part in parts if part.finding]
+    if moved:
+        return f"moved by {max(abs(part.pull) for part in moved):.1f} of its standard deviations: a finding"
+    return "declared uncertain" if parts[0].entry.declared_uncertain else ""
 
 
 def _partner(label: str) -> str | None:
@@ -57,21 +112,23 @@ def _partner(label: str) -> str | None:
     return None
 
 
-def _what(estimate: Estimate) -> str:
-    """Words for a parameter: its name, and whose it is."""
+def _what(estimate: Estimate, *, single: bool) -> str:
+    """Words for a parameter, or for the vector that it is a part of, and whose it is."""
     name, _, axes = estimate.entry.label.partition(".")
+    return " ".join(filter(None, (WORDS.get(name) or _by_name(estimate, name, single), axes.replace(".", " "))))
+
+
+def _by_name(estimate: Estimate, name: str, single: bool) -> str:
+    """The parameter's name without unit and, of a vector, without the part."""
+    if not single:
+        return next((name.partition(part)[0] for part in ("_x_", "_real") if part in name), name).replace("_", " ")
     words = name.removesuffix("_" + _ending(name)) if _ending(name) else name
-    words = words.removeprefix("inverse_").removeprefix("log_").replace("_", " ")
-    return f"{words} {axes}".strip() if axes else words
-
-
-def _name(label: str) -> str:
-    parameter, _, axes = label.partition(".")
-    for part in ("_x_", "_real", "real_"):
-        if part in parameter:
-            parameter = parameter.split(part)[0]
-            break
-    return " ".join(filter(None, (parameter.replace("_", " "), axes.replace(".", " ")))) or "vector"
+    words = words.removeprefix("inverse_").removeprefix("log_")
+    if words.split("_")[0] in ("error", "ratio"):
+        # Named after what the effect is an error of: "stiffness x".
+        quantity = "damping_ratio" if estimate.entry.effect == "damping_error" else estimate.entry.effect
+        return " ".join([plain_name(quantity.removesuffix("_error")), *words.split("_")[1:]])
+    return words.replace("_", " ")
 
 
 def _ending(name: str) -> str:
@@ -95,19 +152,70 @@ def _ending(name: str) -> str:
     return ""
 
 
-def _single(estimate: Estimate, quantile: float) -> str:
-    """One number: a factor, a gap, percent, or the value in its unit."""
-    entry, value, error = estimate.entry, estimate.value, quantile * estimate.standard_error
+def _single(estimate: Estimate, fitted: Fit, *, alone: bool) -> str:
+    """One number: a ratio, a gap, percent, or the value in its unit. **Arguments:** ``alone``: whether it is the only
+    size of its effect, so that it is not determined where its interval holds zero.
+    """
+    entry, value, error = estimate.entry, estimate.value, fitted.quantile * estimate.standard_error
+    show = _shown(estimate, fitted)
     if entry.parameter.startswith("log_"):
-        low, middle, high = (math.exp(value + k * error) for k in (-1.0, 0.0, 1.0))
-        return f"{number(middle)} times ({number(low, 2)} to {number(high, 2)})"
-    if entry.parameter.startswith("inverse_") and value != 0.0:
-        return f"{number(1e6 / abs(value))} ± {number(1e6 * error / value**2, 2)} µm"
-    if entry.unit.si == "1":
-        return f"{number(100.0 * value)} ± {number(100.0 * error, 2)} %"
-    unit = entry.unit
-    shown = "°" if unit.shown == "deg" else f" {unit.shown}"
-    return f"{number(value / unit.factor)} ± {number(error / unit.factor, 2)}{shown}"
+        return show(value, error)
+    zero_too = abs(value) <= error
+    if entry.parameter.startswith("inverse_"):
+        nearest = 1e6 / (abs(value) + error)
+        # The sign of a gap is the side that it is on.
+        far = f"{NOT_DETERMINED}: {number(nearest)} µm or more"
+        return far if zero_too else f"{with_error(1e6 / value, 1e6 * error / value**2)} µm"
+    if zero_too and alone and not entry.declared_uncertain:
+        return f"{NOT_DETERMINED}: {show(value, error)}"
+    return show(value, error)
+
+
+def _shown(estimate: Estimate, fitted: Fit) -> Callable[[float, float], str]:
+    """How a value and half its interval are written."""
+    entry, unit = estimate.entry, estimate.entry.unit
+    if entry.parameter.startswith("log_"):
+        ratio = _declared_ratio(estimate, fitted)
+        return _times if ratio is None else (lambda v, e: _damping_ratio(ratio, v, e))
+    if unit.si == "1" and entry.parameter.startswith(RATIOS):
+        return lambda v, e: f"{with_error(100.0 * v, 100.0 * e, signed=True)} %"
+    shown = {"deg": "°", "1": ""}.get(unit.shown, f" {unit.shown}")
+    return lambda v, e: f"{with_error(v / unit.factor, e / unit.factor)}{shown}"
+
+
+def _declared_ratio(estimate: Estimate, fitted: Fit) -> float | None:
+    """The declared damping ratio that a logarithm multiplies, if it is one."""
+    declared = getattr(fitted.model.rotor, "damping_ratio", None)
+    if declared is None or estimate.entry.effect != "damping_error":
+        return None
+    return float(np.asarray(declared)["xy".index(estimate.entry.parameter[-1])])
+
+
+def _damping_ratio(declared: float, log_ratio: float, error: float) -> str:
+    """exp(log_ratio) times the declared one, in percent: the interval as the logarithm has it where it is wide."""
+    value = 100.0 * declared * math.exp(log_ratio)
+    if error < LINEAR:
+        return f"{with_error(value, value * error)} %"
+    low, high = (value * math.exp(k * error) for k in (-1.0, 1.0))
+    return f"{number(value, 2)} % ({number(low, 2)} to {number(high, 2)} %)"
+
+
+def _times(log_ratio: float, error: float) -> str:
+    low, middle, high = (math.exp(log_ratio + k * error) for k in (-1.0, 0.0, 1.0))
+    return f"{number(middle)} times ({number(low, 2)} to {number(high, 2)})"
+
+
+def _prior(estimate: Estimate, fitted: Fit) -> str:
+    """Half the 95 % interval before the data."""
+    entry, unit, half = estimate.entry, estimate.entry.unit, NORMAL_QUANTILE * estimate.entry.scale
+    if entry.parameter.startswith("log_"):
+        return f"factor {number(math.exp(half), 2)}"
+    if unit.si == "1" and entry.parameter.startswith(RATIOS):
+        return f"{number(100.0 * half, 2)} %"
+    if entry.parameter.startswith("inverse_"):
+        return f"{number(1e6 / half, 2)} µm or more"
+    shown = {"deg": "°", "1": ""}.get(unit.shown, f" {unit.shown}")
+    return f"{number(half / unit.factor, 2)}{shown}"
 
 
 def _pair(first: Estimate, second: Estimate, fitted: Fit, convention: Convention) -> str:
@@ -122,13 +230,15 @@ def _pair(first: Estimate, second: Estimate, fitted: Fit, convention: Convention
     error = fitted.quantile * math.sqrt(along @ covariance @ along)
     turn = fitted.quantile * math.sqrt(across @ covariance @ across) / max(size, 1e-300) / DEGREE
     degrees = convention.angle_deg(pair) if spatial else math.degrees(math.atan2(pair[1], pair[0]))
+    if first.entry.parameter in DOUBLED:
+        degrees, turn = 0.5 * degrees, 0.5 * turn
     scale, shown = (unit.factor, f" {unit.shown}") if unit.si != "1" else (1.0, " times")
-    angle = (
-        f" at {degrees % 360.0 if spatial else degrees:.0f} ± {number(turn, 2)}°"
-        if turn < SURE_OF_ANGLE
-        else ", at an angle that these data leave open"
+    if size <= error:
+        return f"{NOT_DETERMINED}: up to {number((size + error) / scale, 2)}{shown}"
+    angle = f" at {with_error(degrees % 360.0 if spatial else degrees, turn)}°"
+    return f"{with_error(size / scale, error / scale)}{shown}" + (
+        angle if turn < SURE_OF_ANGLE else ", angle not determined"
     )
-    return f"{number(size / scale)} ± {number(error / scale, 2)}{shown}{angle}"
 
 
 def _covariance(first: Estimate, second: Estimate, fitted: Fit) -> Float[np.ndarray, "2 2"]:

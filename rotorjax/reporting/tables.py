@@ -42,6 +42,14 @@ class Table(NamedTuple):
         title, note, left = (wrapped(line, width) for line in (self.title, self.note, left))
         return "\n".join(part for part in (title, body, note, left) if part)
 
+    def without_empty(self, heads: Sequence[str]) -> "Table":
+        """The table without those of these columns that hold nothing but dashes."""
+        empty = [k for k, head in enumerate(self.headers) if head in heads and all(row[k] == "-" for row in self.rows)]
+        table = self
+        for k in empty:
+            table = table._without(self.headers[k])
+        return table
+
     def columns(self) -> list[tuple[str, bool]]:
         """Head of every column, and whether it holds numbers, which stand to the right."""
         cells = zip(*self.rows, strict=True) if self.rows else [()] * len(self.headers)
@@ -145,8 +153,8 @@ def laid_out(
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, an order or a vector at its angle, or the dash that stands for none."""
-    return bool(re.fullmatch(r"-|[-+]?\d[\d.]*(e[-+]?\d+)?(X| at -?\d+°)?", cell))
+    """Whether a cell is a number, with its error or a percentage, an order or a vector at its angle, or the dash."""
+    return bool(re.fullmatch(r"-|[<>] \d[\d.]* %|[-+]?\d[\d.]*(e[-+]?\d+)?(X| %| at -?\d+°| ± \d[\d.]*)?", cell))
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -155,3 +163,10 @@ def number(value: float | None, digits: int = 3) -> str:
         return "-"
     text = f"{value:#.{digits}g}"
     return f"{value:.0f}" if "e+" in text and abs(value) < 1e7 else text.rstrip(".")
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit in which people would say it."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -75,7 +75,7 @@ def test_bow_and_unbalance_tie(story):
     """Slow roll is subtracted: a bow does as well as an unbalance, and the tool says so."""
     swap = next(r for r in story.rivals if (r.effect, r.instead) == ("residual_unbalance", "residual_bow"))
     assert swap.tied
-    assert any("residual_unbalance ties with residual_bow" in line for line in findings(story))
+    assert any("Residual unbalance ties with residual bow" in line for line in findings(story))
     assert "more than noise" in verdict(story)
 
 
@@ -94,7 +94,7 @@ def test_installed_weights_come_back(story, measurement):
     """Read as unbalance alone, every run's weights are found within 5 g mm or 15 %, the second plane counting 1.1
     times.
 
-    The rig file's uncertain mass (10 %) and damping are estimated along with 21 free faults, which leaves their scale
+    The rig file's uncertain mass (10 %) and damping are fitted beside 21 free faults, which leaves their scale
     open.
     """
     diagnosis = diagnose(story.final_model, measurement)

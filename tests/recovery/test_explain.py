@@ -131,7 +131,7 @@ def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
     assert found.effects == ("cross_coupling",)
     assert not found.confirmed
     assert found.verdict == "undecided"
-    assert sentence(found).startswith("Undecided: cross_coupling, but ")
+    assert sentence(found).startswith("Undecided: cross-coupling, but ")
     assert "on data held out the error does not fall." in sentence(found)
 
 
@@ -300,13 +300,13 @@ def test_half_orders_alone():
 
 
 def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
-    """A turned phase reference, and probes that read too much by 4.0 and 4.5 %: one complex gain in other words."""
+    """A phase reference offset, and probes that read too much by 4.0 and 4.5 %: one complex gain in other words."""
     drawn = drawn_effects.draw(446)
     assert drawn.effects == ("phase_reference_offset", "probe_gain")
     found = explain(drawn.model, drawn.measurement, thorough=False)
     assert (found.verdict, found.effects) == ("explained", ("chain_gain",))
     assert (
-        "phase_reference_offset and probe_gain together do what chain_gain does, with more determined parameters, and "
+        "Phase reference offset and probe gain together do what chain gain does, with more determined parameters, and "
         "are not needed" in explanation_text(found)
     )
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from rotorjax import Measurement, Model, effects
-from rotorjax.discovery.race import make_contest
+from rotorjax.discovery.contest import make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import best_of, descend, starts_at
-from rotorjax.inference.linearised import Budget
 from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import Noise
 

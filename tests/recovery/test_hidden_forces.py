@@ -183,7 +183,7 @@ def test_a_strong_force_is_not_split_among_weaker_ones():
 
 
 def test_orders_that_were_not_measured_are_named():
-    """A crack is told by 2X too."""
+    """A crack shows at 2X too."""
     model, measurement, _ = hidden_forces.sufficient(effects.Crack, seed=7)
     first = dataclasses.replace(
         measurement,
@@ -195,7 +195,7 @@ def test_orders_that_were_not_measured_are_named():
     found = explain(model.with_orders((1.0,)), first, thorough=False)
     named = {*found.effects, *(n for group in found.ties.groups() for names in group for n in names)}
     if "crack" in named:
-        assert any("crack is told by 2X too" in line for line in notes(found))
+        assert any("Crack shows at 2X too" in line for line in notes(found))
     else:
         assert found.verdict == "unexplained"
 
@@ -225,7 +225,7 @@ def test_what_is_probably_not_all_is_undecided():
     found = explain(hidden.model, hidden.measurement, thorough=False)
     assert (found.verdict, found.effects) == ("undecided", ("damping_error",))
     assert [ranked.effect for ranked in found.more] == ["cross_coupling", "internal_damping"]
-    assert "something more is probable, such as cross_coupling (68 %) or internal_damping (27 %)" in sentence(found)
+    assert "something more is probable, such as cross-coupling (68 %) or internal damping (27 %)" in sentence(found)
 
 
 def test_a_force_behind_for_its_size_alone_ties():

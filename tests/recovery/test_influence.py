@@ -1,4 +1,4 @@
-"""What is known to first order only, held against the same with every fit made."""
+"""What is known to first order only, compared with the same with every fit made."""
 
 import math
 import sys
@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from rotorjax import effects
+from rotorjax.discovery.contest import make_contest, misfit_left
 from rotorjax.discovery.held_out import held_out
-from rotorjax.discovery.race import foreseen, make_contest, misfit_left, race
+from rotorjax.discovery.race import foreseen, race
 from rotorjax.discovery.search import retold, select
 from rotorjax.discovery.ties import find_ties
 from rotorjax.effects import CATALOG

@@ -201,7 +201,7 @@ def test_unexplained_by_the_catalogue_and_named():
     assert [t.term for t in found.named_force.terms] == [term]
     assert found.named_force.enough
     said = explanation_text(found)
-    assert said.index("looks like this: cubic in x") < said.index("The model as declared misses")
+    assert said.index("looks like this: cubic in x") < said.index("The model as declared differs")
     told = json.loads(json.dumps(explanation_json(found), allow_nan=False))
     assert told["missing_force"]["parameters"]["term_cubic_x.cubic_n_per_m3"]["value"] == pytest.approx(3e10, rel=0.02)
 

@@ -110,7 +110,7 @@ def test_the_paper_with_scatter_allowed():
     # Errata, item 6: 190 and 70 times for 6 g mm; the median over cases of 6 and of 12 g mm is somewhat less.
     assert 90.0 < ratios[0] < 190.0
     assert 30.0 < ratios[1] < 75.0
-    assert "cannot tell residual_bow from chain_gain" in sentence(found)
+    assert "cannot tell residual bow from chain gain" in sentence(found)
 
 
 def test_the_hidden_cases_are_those_that_were_drawn(tmp_path, monkeypatch):

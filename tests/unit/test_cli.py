@@ -54,6 +54,23 @@ def test_example_hides_two_effects_and_compare_finds_their_sizes(told):
     assert "within" in told["verdict"] or "what the noise allows" in told["verdict"]
 
 
+def test_compare_states_critical_speeds_as_declared_and_with_what_was_added(told, example):
+    """√(k / M) of the rig file, 2 % damping; then 1 % more stiffness along x, and cross-coupling."""
+    before, after = told["critical_speeds"]["before"], told["critical_speeds"]["after"]
+    np.testing.assert_allclose([c["speed_rpm"] for c in before], [2196.1, 2304.7], atol=0.1)
+    np.testing.assert_allclose([c["damping_ratio"] for c in before], 0.02, rtol=1e-6)
+    np.testing.assert_allclose([c["speed_rpm"] for c in after], [2202.0, 2311.0], atol=3.0)
+    np.testing.assert_allclose([c["damping_ratio"] for c in after], 0.0199, atol=3e-4)
+    np.testing.assert_allclose([c["amplification_factor"] * 2.0 * c["damping_ratio"] for c in after], 1.0)
+    assert before[0]["amplitude_um"] is None
+    assert after[0]["amplitude_um"]["Y"] > after[0]["amplitude_um"]["X"] > 100.0
+    assert [c["separation_margin"] for c in after] == ["inside", "inside"]
+    assert told["stability"]["speed_range_rpm"] == pytest.approx([700.0, 2800.0])
+    assert told["stability"]["after"]["onset_rpm"] is None
+    assert told["stability"]["after"]["log_decrement"] == pytest.approx(0.124, abs=0.003)
+    assert "Critical speeds: 22" in (example / "r.html").read_text().split("<nav")[0]
+
+
 def test_written_model_is_taken_by_compare(example, told, capsys):
     assert (
         run("compare", example / "measurement.csv", "--rig", example / "fitted.toml", "--json", example / "again.json")
@@ -123,6 +140,44 @@ def test_diagnose(example, told, capsys):
     assert found["balance"]["disk"]["unbalance_g_mm"] == pytest.approx(9.0, abs=0.2)
     assert found["balance"]["disk"]["correction_angle_deg"] == pytest.approx(230.0, abs=1.5)
     assert "To balance: " in said
+    assert found["no_correction"] is None
+    # The weight is installed in trial-b; in the baseline nothing is left beyond what the rig file holds.
+    assert trial["unbalance_g_mm"]["differs_from_zero"]
+    assert not found["inherent"]["unbalance_g_mm"]["differs_from_zero"]
+    assert found["inherent"]["unbalance_g_mm"]["below"] < 0.5
+    assert re.search(r"baseline +below 0\.\d+ +- +below 0\.\d+ +- ", said)
+    assert "inherent: " in said
+
+
+def test_diagnose_makes_no_correction_of_what_is_not_there(example, told, capsys):
+    """A damping that cannot be and no noise to judge it by: the interval is larger than the value."""
+    rig, bare = (example / "rig.toml").read_text(), example / "bare.csv"
+    heavy = example / "heavy.toml"
+    heavy.write_text(rig.replace("damping_ratio = { x = 0.02, y = 0.02 }", "damping_ratio = 2.0"))
+    bare.write_text(
+        "".join(line.rsplit(",", 1)[0] + "\n" for line in (example / "measurement.csv").read_text().splitlines())
+    )
+    assert run("diagnose", bare, "--rig", heavy, "--json", example / "h.json") == 0
+    said, found = capsys.readouterr().out, json.loads((example / "h.json").read_text())
+    assert found["balance"] == {}
+    assert "not different from zero" in found["no_correction"]
+    assert found["no_correction"] in said
+    assert "To balance" not in said
+    assert "G " not in said
+    # Influence coefficients need neither the rotor nor its damping.
+    without_rotor = found["influence_coefficients"]["planes"]["disk"]
+    assert without_rotor["unbalance_g_mm"] == pytest.approx(9.0, abs=0.1)
+    assert without_rotor["correction_angle_deg"] == pytest.approx(230.0, abs=0.5)
+    assert "without the rotor model: correction 9.0" in said
+    assert found["runs"]["baseline"]["model_holds"] is None
+    assert run("diagnose", bare, "--rig", example / "fitted.toml") == 0
+    assert "To balance, if the model holds (which cannot be checked): " in capsys.readouterr().out
+    assert run("diagnose", example / "measurement.csv", "--rig", heavy, "--json", example / "h.json") == 0
+    said, found = capsys.readouterr().out, json.loads((example / "h.json").read_text())
+    assert found["balance"] == {}
+    assert found["runs"]["baseline"]["model_holds"] is False
+    assert said.count("model fails") == 3
+    assert "To balance" not in said
 
 
 def test_simulate_like_and_compare(example, capsys):
@@ -339,10 +394,10 @@ def test_the_report_begins_with_verdict_and_sizes(explained, example):
     """9 g mm at 50° and 1200 N/m, as magnitude and angle with 95 % intervals, before any table."""
     first = (example / "e.html").read_text().split("<nav")[0]
     assert '<span class="badge explained">explained</span>' in first
-    size, angle = re.search(r"<dt>unbalance</dt><dd>([\d.]+) ± [\d.]+ g mm at (\d+) ± [\d.]+°</dd>", first).groups()
+    size, angle = re.search(r"<dt>unbalance</dt><dd>([\d.]+) ± [\d.]+ g mm at ([\d.]+) ± [\d.]+°</dd>", first).groups()
     assert float(size) == pytest.approx(9.0, abs=0.1)
     assert float(angle) == pytest.approx(50.0, abs=1.0)
-    assert re.search(r"<dt>cross stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
+    assert re.search(r"<dt>cross-coupled stiffness</dt><dd>1[12]\d\d ± \d+ N/m</dd>", first)
     assert first.count("<img") == 2
     assert "<table" not in first
 
@@ -392,8 +447,8 @@ def test_explained_model_is_taken_by_compare(example, explained, capsys):
 
 def test_explain_report_is_one_file_without_network(explained, example):
     page = (example / "e.html").read_text()
-    assert "Missing: residual_unbalance and cross_coupling." in page
-    assert "What is missing beside residual_unbalance" in page
+    assert "Missing: residual unbalance and cross-coupling." in page
+    assert "What is missing beside residual unbalance" in page
     assert not re.search(r'(src|href)="http', page)
 
 

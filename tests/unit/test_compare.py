@@ -194,7 +194,7 @@ def test_what_all_runs_share_is_no_scatter():
 
 
 def test_an_effect_that_acts_alike_in_all_runs_is_no_scatter():
-    """A turned phase reference misplaces every weight: it differs between runs, but influence coefficients hold it."""
+    """A phase reference offset misplaces every weight: it differs between runs, but influence coefficients hold it."""
     weights = [[4e-6, 0.0], [30e-6, 0.0], [-15e-6, 26e-6], [1e-6, -20e-6], [10e-6, 10e-6]]
     true = ROTOR + effects.PhaseReferenceOffset(0.5)
     measurement = made(true, [1200.0, 1700.0, 2500.0], runs=5, unbalance=np.array(weights)[:, None])

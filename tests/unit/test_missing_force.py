@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Effect, Jeffcott, Layout, Measurement, Model, effects, response
+from rotorjax.discovery.force_shapes import Reach, shapes
 from rotorjax.discovery.force_terms import regress
 from rotorjax.discovery.missing_force import missing_force
-from rotorjax.effects.terms import TERMS, Reach, shapes
+from rotorjax.effects.terms import TERMS
 from rotorjax.reporting import plots
 
 ORDERS = (0.0, 1.0, 2.0, 3.0)

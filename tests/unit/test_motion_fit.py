@@ -13,13 +13,15 @@ from rotorjax import Conditions, Jeffcott, Model, effects, response
 from rotorjax.arrays import real_pair
 from rotorjax.data.measurement import Knowledge
 from rotorjax.discovery import bootstrap
-from rotorjax.discovery.race import _starts, make_contest, race, settle
+from rotorjax.discovery.contest import make_contest
+from rotorjax.discovery.race import _starts, race, settle
 from rotorjax.effects import CATALOG
 from rotorjax.inference import descent, linearised
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import HOPELESS, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
-from rotorjax.inference.linearised import Budget, Linearisation, Point
+from rotorjax.inference.linearised import Linearisation, Point
 from rotorjax.inference.manner import CUT_OFF, NOT_FINITE, QUICK, THOROUGH
 from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.noise import NO_NOISE, Noise

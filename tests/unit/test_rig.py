@@ -75,6 +75,13 @@ def test_uncertainty(tmp_path):
     assert known.installed_bow == 0.03
 
 
+@pytest.mark.parametrize(("text", "expected"), [("3000", (3000.0, 3000.0)), ("[2900, 3000]", (2900.0, 3000.0))])
+def test_operating_speeds(tmp_path, text, expected):
+    limits = rig_of(tmp_path, f"{RIG}[limits]\noperating_speed_rpm = {text}\n").knowledge.limits
+    assert limits.operating_speed_rpm == expected
+    assert limits.speed_rpm is None
+
+
 def test_effects_and_priors(tmp_path):
     text = (
         RIG
@@ -129,6 +136,21 @@ def test_effects_and_priors(tmp_path):
         (("[runs.baseline]", "[limits]\nspeed_rpm = [3000, 600]\n[runs.baseline]"), "limits.speed_rpm: must rise"),
         (("[runs.baseline]", '[rotor2]\ngravity = "down"\n[runs.baseline]'), "rotor2: unknown section"),
         (("X = { angle_deg = 0.0 }", '"X.1" = { angle_deg = 0.0 }'), "must not hold any of"),
+        (("[runs.baseline]", "[runs.baseline]\nzz = 1"), "unknown key; known here: bow, note, unbalance"),
+        (
+            ("[runs.baseline]", "[planes.a]\nqq = 1\n[runs.baseline]"),
+            "unknown key; known here: first_hole_deg, holes, participation, radius_mm",
+        ),
+        (
+            ("[runs.baseline]", "[limits]\nqq = 1\n[runs.baseline]"),
+            "unknown key; known here: amplitude_um, operating_speed_rpm, speed_rpm, trial_weight_g_mm",
+        ),
+        (
+            ("[runs.baseline]", "[uncertainty]\nstiffness = { z = 0.1 }\n[runs.baseline]"),
+            "unknown key; known here: common, x, y",
+        ),
+        (("[runs.baseline]", '[convention]\nrotation = "ccw"\n[runs.baseline]'), "counterclockwise (ccw) is 'x-to-y'"),
+        (("[runs.baseline]", "[limits]\noperating_speed_rpm = [3000, 600]\n[runs.baseline]"), "must rise"),
         (("mass_kg = 0.97", "mass_kg = = 0.97"), "not valid TOML"),
     ],
 )
@@ -234,3 +256,29 @@ def test_writing_to_a_missing_folder_is_refused(tmp_path):
     rig = rig_of(tmp_path, RIG)
     with pytest.raises(InputError, match="cannot be written"):
         rig.write(tmp_path / "nowhere" / "new.toml", rig.model)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cure"),
+    [
+        ("magnitude_g_mm = 30.0", "mass_g = 1.5, radius_mm = 30.0", "write magnitude_g_mm = 45 in place of mass_g"),
+        (
+            "{ magnitude_g_mm = 30.0, angle_deg = 0.0 }",
+            "30.0",
+            "unbalance = { magnitude_g_mm = 30.0, angle_deg = 0.0 }",
+        ),
+        ("unbalance = {", "trial_weight_g = 1.0\nunbalance = {", "mass times radius"),
+        ("magnitude_g_mm = 30.0", 'magnitude_g_mm = "30 g mm"', "without quotes and without unit"),
+        ("[runs.baseline]", "[trial_weights.a]\n[runs.baseline]", "stands under [runs.NAME]"),
+        (
+            "[runs.baseline]",
+            '[convention]\nrotation = "ccw"\n[runs.baseline]',
+            "'x-to-y' where the shaft turns from +x",
+        ),
+        ("[runs.baseline]", '[convention]\nphase = "lagging"\n[runs.baseline]', "did you mean 'lag'"),
+        ("[runs.baseline]", "[planes.disk]\nnumber_of_holes = 16\n[runs.baseline]", "did you mean 'holes'"),
+    ],
+)
+def test_what_the_field_writes_is_refused_with_the_cure(tmp_path, old, new, cure):
+    assert old in RIG
+    assert cure in problems(tmp_path, RIG.replace(old, new))

@@ -7,8 +7,8 @@ import pytest
 from jax import Array
 
 from rotorjax import Instant, RestoringEffect, effects, parameter
+from rotorjax.discovery.contest import check_catalog
 from rotorjax.discovery.held_out import _pruned
-from rotorjax.discovery.race import check_catalog
 from rotorjax.discovery.search import PRICE, neighbours
 from rotorjax.model.contract import Parameter
 

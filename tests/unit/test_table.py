@@ -43,8 +43,9 @@ def test_values(tmp_path):
         f"{HEADER}\n" + "\n".join(reversed(ROWS)),
         f"{HEADER},comment\n" + "\n".join(f"{row},a note" for row in ROWS),
         f"{HEADER}\n{BODY}".replace(",", ";").replace(".", ","),
+        f"{HEADER}\n{BODY}".replace(",1,", ",1X,", 1).replace(",1,", ",1x,"),
     ],
-    ids=["bom", "crlf", "blank lines", "blanks", "any order", "more columns", "semicolons and decimal commas"],
+    ids=["bom", "crlf", "blank lines", "blanks", "any order", "more columns", "semicolons and decimal commas", "1X"],
 )
 def test_accepted(tmp_path, table):
     m = read(tmp_path, table)
@@ -65,6 +66,7 @@ def test_notes(tmp_path):
     ("row", "words"),
     [
         ("baseline,fast,X,1,1.0,0,0.3", ["data.csv:2: column 2 (speed_rpm): 'fast' is not a finite number"]),
+        ("baseline,1500,X,X,1.0,0,0.3", ["column 4 (order): 'X' is not a finite number"]),
         ("baseline,1500,X,1,nan,0,0.3", ["column 5 (amplitude_um): 'nan' is not a finite number"]),
         ("baseline,1500,X,1,inf,0,0.3", ["column 5 (amplitude_um): 'inf'"]),
         ("baseline,1500,X,1,1_0,0,0.3", ["'1_0' is not a finite number"]),

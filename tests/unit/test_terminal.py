@@ -70,7 +70,7 @@ def test_what_is_printed_fits_the_terminal(texts, command, width):
 
 def test_columns_left_out_are_named(texts):
     told = " ".join(re.findall(r"Left out to fit the terminal: ((?:.+\n)+)", texts["compare"](60)))
-    for head in ("model µm", "amplitude ratio", "phase error °", "std. errors", "prior ±", "chi² / freedom"):
+    for head in ("model µm", "amplitude ratio", "phase error °", "std. errors", "prior ±", "reduced chi² (1 = noise)"):
         assert head in " ".join(told.split())
 
 

@@ -1,0 +1,162 @@
+"""An explanation: which effects were missing, how sure that is, and what may be asked of it."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rotorjax.arrays import numpy_pair
+from rotorjax.data.declarations import Slip
+from rotorjax.discovery.bootstrap import PValue
+from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.named_force import NamedForce
+from rotorjax.discovery.next_measurement import Proposal
+from rotorjax.discovery.search import DETECTED, Ranked, none_left
+from rotorjax.discovery.slips import Race as SlipRace
+from rotorjax.discovery.story import Story
+from rotorjax.discovery.ties import Ties
+from rotorjax.inference.faults import fault_sensitivity, installed_faults
+from rotorjax.inference.noise import Noise
+from rotorjax.model.contract import Effect
+from rotorjax.model.model import Model
+from rotorjax.shown import Reported
+
+Verdict = Literal["explained", "undecided", "nothing missing", "unexplained"]
+
+
+class Cost(NamedTuple):
+    """What an explanation took."""
+
+    linearisations: int
+    """Single cases linearised: a count that does not depend on the machine."""
+    limit: int
+    untried: tuple[str, ...] = ()
+    """What was left out when the limit was reached."""
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the limit was reached before all was tried."""
+        return bool(self.untried)
+
+
+class Small(NamedTuple):
+    """An effect that was detected but changes the prediction by less than the noise."""
+
+    effect: str
+    why: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Explanation(Reported):
+    """What `explain` found."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    """In the order added; of every tie the most probable."""
+    written: SlipRace
+    """What is stated in rig file and table against changes of it."""
+    story: Story
+    """Comparison and fit at every step, the first without any addition."""
+    rankings: tuple[tuple[Ranked, ...], ...]
+    """For every step, what a further effect would bring, "none" among them."""
+    ties: Ties
+    detected_but_small: tuple[Small, ...]
+    next_measurement: Proposal | None
+    p_value: PValue | None
+    noise: Noise
+    """What the answer leaves beside the table's noise."""
+    contest: Contest
+    max_effects: int
+    catalog: Mapping[str, type[Effect]]
+    """What might have been missing."""
+    named_force: NamedForce | None
+    """The force that is missing, where the verdict is "unexplained" and that was to be looked into; or one of a few
+    terms that would do as well as the effects found.
+    """
+    cost: Cost
+
+    def __repr__(self) -> str:
+        p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
+        return f"Explanation({self.verdict}: {', '.join(self.named) or 'no effect'}; {self.story!r}{p})"
+
+    @property
+    def slip(self) -> Slip | None:
+        """What was written down wrongly, if anything."""
+        return self.written.best.slip
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """All that was found: what was written down wrongly, then the effects."""
+        return (*([] if self.slip is None else [self.slip.name]), *self.effects)
+
+    def tied_groups(self) -> list[list[list[str]]]:
+        """For every part of the answer that is open: itself, then what ties with it."""
+        others = [list(other.named) for other in self.written.tied]
+        return [*self.ties.groups(), *([[list(self.named), *others]] if others else [])]
+
+    @property
+    def model(self) -> Model:
+        """The model with what was added, fitted."""
+        return self.story.final_model
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the effects found make the error fall on data held out too, as far as that was looked into."""
+        return self.story.confirmed
+
+    @property
+    def objections(self) -> tuple[str, ...]:
+        """What speaks against the values of the effects found."""
+        return self.story.fits[-1].objections(self.effects)
+
+    @property
+    def more(self) -> tuple[Ranked, ...]:
+        """What would be added next, where "none" is improbable: the effects that together make it so, the most probable
+        first; else nothing.
+        """
+        last = self.rankings[-1]
+        if none_left(last) >= DETECTED:
+            return ()
+        return tuple(r for r in last if r.effect != "none" and r.probability >= DETECTED)
+
+    @property
+    def restricted(self) -> bool:
+        """Whether some effects of the catalogue were not allowed to be missing."""
+        given = {e.name for e in self.story.model.effects} | {
+            e.effect for e in self.contest.space.entries if e.declared_uncertain
+        }
+        return bool({e.effect for e in self.contest.space.entries} - given - set(self.contest.candidates))
+
+    def bow_over_unbalance(self) -> dict[float, float]:
+        """Speed [rpm] -> response to the installed bow over that to the installed unbalance; empty unless all runs
+        carry the same bow.
+        """
+        m = self.contest.measurement
+        bow = np.asarray(m.conditions.bow)
+        if 1.0 not in m.orders or not np.any(bow) or not np.allclose(bow, bow[0]):
+            return {}
+        slopes = fault_sensitivity(self.story.model.with_orders(m.orders), m.conditions)[:, :, m.orders.index(1.0)]
+        installed = installed_faults(self.story.model, m)[m.run]
+        parts = [
+            np.linalg.norm(np.einsum("cpkd,cd->cpk", slopes[..., s], installed[:, s]), axis=(1, 2))
+            for s in (slice(0, 2), slice(2, 4))
+        ]
+        cluster, speeds = m.speed_cluster()
+        return {
+            float(speed): float(np.median(parts[1][cluster == k]) / np.median(parts[0][cluster == k]))
+            for k, speed in enumerate(speeds)
+            if np.median(parts[0][cluster == k]) > 0.0
+        }
+
+    def chi2(self, ranked: Ranked) -> float | None:
+        """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they
+        are unknown.
+        """
+        measurement, end = self.contest.measurement, ranked.contender.best
+        if measurement.sigma is None:
+            return None
+        weight = measurement.weights(0.0)
+        freedom = int(np.count_nonzero(weight)) - len(end.free)
+        errors = weight * numpy_pair(end.shown - measurement.half_order_sign(end.shown) * measurement.vectors)
+        return float(np.sum(errors**2)) / freedom if freedom > 0 else None

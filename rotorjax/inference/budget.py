@@ -1,0 +1,40 @@
+"""How much may be computed: counted in single cases linearised, a number that does not depend on the machine."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+
+
+class Budget:
+    """Single cases linearised so far, and how many may be. **Arguments:** ``watch``: called with the count whenever it
+    grows.
+    """
+
+    def __init__(self, limit: int | None = None, *, watch: Callable[[int], None] = lambda _: None) -> None:
+        self.limit, self.spent, self._watch = limit, 0, watch
+
+    def spend(self, count: int) -> None:
+        """Add to what is spent."""
+        self.spent += count
+        self._watch(self.spent)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the limit is reached."""
+        return self.limit is not None and self.spent >= self.limit
+
+    @property
+    def left(self) -> float | int:
+        """How many may still be."""
+        return math.inf if self.limit is None else max(0, self.limit - self.spent)
+
+    @contextlib.contextmanager
+    def share(self, most: float | int) -> Iterator[None]:
+        """While it is open, no more than ``most`` of what is left."""
+        limit = self.limit
+        if most < self.left:
+            self.limit = self.spent + int(most)
+        try:
+            yield
+        finally:
+            self.limit = limit

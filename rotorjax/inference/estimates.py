@@ -1,0 +1,97 @@
+"""Fitted parameters with their standard errors: those of the posterior, or of the scatter between runs if larger."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rotorjax.inference.data import Data
+from rotorjax.inference.descent import End, Local
+from rotorjax.inference.noise import FEW_RUNS
+from rotorjax.inference.space import Entry, Space
+
+NORMAL_QUANTILE = 1.96
+"""Standard errors in half a 95 % interval of the normal distribution."""
+UNDETERMINED = 0.8
+"""Posterior over prior standard deviation above which the data are said not to determine a parameter."""
+PULLED = 3.0
+"""A declared uncertain value that moves by more than this many of its standard deviations is a finding."""
+
+
+class Estimate(NamedTuple):
+    """A fitted parameter, in SI."""
+
+    entry: Entry
+    value: float
+    standard_error: float
+    determined: bool
+    """False where the data leave the prior almost as wide as it was: the interval is the prior's."""
+    pull: float
+    """Distance from the null in prior standard deviations."""
+
+    @property
+    def finding(self) -> bool:
+        """A declared uncertain value that had to move too far."""
+        return self.entry.declared_uncertain and abs(self.pull) > PULLED
+
+
+def independent_parts(local: Local, data: Data) -> list[Local]:
+    """Parts of the residual that are independent of one another: runs, or single cases where there are too few runs to
+    judge what they share.
+    """
+    if data.run_count < FEW_RUNS:
+        return [Local(error, slopes) for error, slopes in zip(local.error, local.slopes, strict=True)]
+    return _whitened_by_run(local, data)
+
+
+def _whitened_by_run(local: Local, data: Data) -> list[Local]:
+    """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is
+    undone.
+    """
+    random = data.scatter
+    runs = []
+    for run in range(data.run_count):
+        cases = data.run == run
+        error, common = local.error[cases].ravel(), random[cases]
+        slopes = local.slopes[cases].reshape(len(error), local.slopes.shape[-1])
+        if common.shape[-1]:
+            block = common.reshape(len(error), -1)
+            factor = np.linalg.cholesky(np.eye(len(error)) + block @ block.T)
+            error, slopes = np.linalg.solve(factor, error), np.linalg.solve(factor, slopes)
+        runs.append(Local(error, slopes))
+    return runs
+
+
+def robust_covariance(best: End, clusters: list[Local]) -> Float[np.ndarray, "param param"]:
+    """Posterior covariance of the unknowns, its standard errors raised to the cluster-robust ones over independent
+    parts (Liang, Zeger 1986, Biometrika 73:13-22).
+    """
+    posterior = np.linalg.inv(best.curvature)
+    if len(clusters) > 1 and len(posterior):
+        scores = np.stack([slope.T @ error for error, slope in clusters])
+        small_sample = len(clusters) / (len(clusters) - 1.0)
+        robust = posterior @ (small_sample * scores.T @ scores + np.diag(best.prior.weight)) @ posterior
+        growth = np.sqrt(np.maximum(1.0, np.diag(robust) / np.diag(posterior)))
+        posterior = posterior * growth[:, None] * growth[None, :]
+    covariance = np.eye(len(best.point))
+    covariance[np.ix_(best.free, best.free)] = posterior
+    return covariance
+
+
+def estimates_of(
+    space: Space, best: End, covariance: Float[np.ndarray, "param param"], free: Bool[np.ndarray, "param"]
+) -> tuple[Estimate, ...]:
+    """Every parameter that was free, in SI, with its standard error."""
+    values = space.values(best.point)
+    posterior, width = np.sqrt(np.diag(np.linalg.inv(best.hessian))), best.prior_width
+    estimates = []
+    for entry, value in zip(space.entries, values, strict=True):
+        if not free[entry.unknown]:
+            continue
+        slope = entry.scale * (1.0 + value if entry.logarithmic else 1.0)
+        deviation = min(float(width[entry.unknown]), float(np.sqrt(covariance[entry.unknown, entry.unknown])))
+        determined = bool(posterior[entry.unknown] < UNDETERMINED * width[entry.unknown])
+        estimates.append(
+            Estimate(entry, float(value), float(slope * deviation), determined, float(best.point[entry.unknown]))
+        )
+    return tuple(estimates)

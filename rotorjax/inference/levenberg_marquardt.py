@@ -1,0 +1,236 @@
+"""One descent by Levenberg-Marquardt: a trial is linearised, taken or left, and the next one is proposed.
+
+The damping falls by ten with each trial that is taken and grows by four with each that is not (Levenberg 1944, Q. Appl.
+Math. 2:164-168; Marquardt 1963, J. Soc. Ind. Appl. Math. 11:431-441). Where forces depend on motion no motion may
+change by more than a share of itself in one step, and its freedom of balance ends step by step.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from rotorjax.inference.linearised import Linearisation, Linearised, Point
+from rotorjax.inference.manner import CONVERGED, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Manner
+from rotorjax.inference.motions import BALANCED
+from rotorjax.inference.normal import Normal, Task
+from rotorjax.inference.prior import Prior, prior_at, together
+
+
+@dataclasses.dataclass
+class Descent:
+    """One descent under way."""
+
+    lin: Linearisation
+    task: Task
+    manner: Manner
+    trial: Point
+    known: bool
+    """Whether it began with motions that balance, or nearly."""
+    cost: float = math.inf
+    steps: int = 0
+    done: bool = False
+    result: int = MAX_STEPS
+
+    def __post_init__(self) -> None:
+        self.timed = self.trial.motions is not None
+        self.freedom = 0.0 if self.known or not self.timed else self.manner.first_freedom * self._reach()
+        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
+        self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
+        self.here: Linearised | None = None
+        self.prior = Prior(0.0, np.ones(len(self.task.free)))
+        self.normal: Normal | None = None
+        self.best: tuple[Linearised, Normal, Prior, float] | None = None
+        self.since = self.stalled = 0
+        self.promised = self.decrement = self.foreseen = 0.0
+
+    def _reach(self) -> float:
+        return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
+
+    @property
+    def data_cost(self) -> float:
+        """The cost without the prior's."""
+        return self.cost - self.prior.cost
+
+    @property
+    def settled(self) -> bool:
+        """Whether the cost is that of motions that balance."""
+        return self.here is not None and self.freedom == 0.0 and self._off() < BALANCED and math.isfinite(self.cost)
+
+    @property
+    def patient(self) -> bool:
+        """Whether it was given its steps."""
+        return self.freedom == 0.0 and self.since >= self.manner.patience
+
+    def promises_no_less_than(self, cost: float) -> bool:
+        """Whether even a step without damping promises no cost of the data below one: near balance it promises too
+        much, as a rule.
+        """
+        return self.settled and self.patient and self.foreseen > cost
+
+    def give_up(self, hopeless: bool) -> None:
+        """End it where it stands."""
+        self.done = self.done or hopeless
+
+    def joins(self, other: "Descent") -> bool:
+        """Whether it comes to where another is."""
+        if other.normal is None or not other.settled:
+            return False
+        gap = (
+            (self.here.point.unknowns - other.here.point.unknowns)[self.task.free]
+            if self.here and other.here
+            else np.ones(1)
+        )
+        return bool(gap @ (other.normal.hessian + np.diag(other.prior.weight)) @ gap < 1.0)
+
+    def _off(self) -> float:
+        """Standard errors by which what is read is off balance, at most."""
+        freedom = None if self.here is None else self.here.freedom
+        return 0.0 if freedom is None else float(np.max(freedom.off[self.judged], initial=0.0))
+
+    def advance(self, there: Linearised) -> None:
+        """Take the trial or leave it, and propose the next one."""
+        self.steps += 1
+        self.since += self.freedom == 0.0
+        before, first = self.cost, self.here is None or there.point.refined != self.here.point.refined
+        taken = self._take(there, first)
+        if self.here is None or self.normal is None:
+            self.result, self.done = NOT_FINITE, True
+            return
+        if taken and not first:
+            self.damping, self.cap = max(0.1 * self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
+        elif not taken:
+            self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
+        if taken:
+            self._firmer()
+        self.decrement = self._propose()
+        limit = self._limit()
+        fall = before - self.cost if taken and not first else 0.0
+        self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
+        fallen = taken and not first and fall <= limit and self.damping < 1e-2
+        stuck = self.stalled >= self.manner.most_stalled
+        balanced = self.freedom == 0.0 and self._off() < BALANCED
+        if self.steps >= self.manner.most_steps:
+            self.done = True
+        elif balanced and (self.decrement <= limit or fallen):
+            self._arrived()
+        elif stuck:
+            self._give_in(balanced)
+
+    def _take(self, there: Linearised, first: bool) -> bool:
+        """Go on from a trial, if it is better."""
+        if not there.finite:
+            return False
+        try:
+            normal = Normal(self.lin, there, self.task, self.freedom)
+        except np.linalg.LinAlgError:
+            # Motions that answer a force without bound.
+            return False
+        prior = prior_at(there.point.unknowns[self.task.free], self.parts)
+        cost = normal.cost + prior.cost
+        if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
+            return False
+        self.here, self.normal, self.prior, self.cost = there, normal, prior, cost
+        if self.timed and there.point.refined and self.settled and (self.best is None or cost < self.best[-1]):
+            self.best = there, normal, prior, cost
+        return True
+
+    def _slack(self) -> float:
+        """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
+        return self._limit() if self.settled else self._limit() + self.manner.lenient * self.cost
+
+    def _limit(self) -> float:
+        """Change of the cost that counts as none."""
+        return float(self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost)
+
+    def _firmer(self) -> None:
+        """Less freedom of the motions, and the cost as it is then."""
+        if self.freedom == 0.0 or self.here is None or self.here.freedom is None:
+            return
+        size = float(np.max(np.linalg.norm(self.here.freedom.reach, axis=2)[self.task.training], initial=0.0))
+        enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
+        while self.freedom > 0.0:
+            self.freedom *= self.manner.firmer
+            self.freedom = 0.0 if self.freedom * size < BALANCED else self.freedom
+            self.normal = Normal(self.lin, self.here, self.task, self.freedom)
+            self.cost = self.normal.cost + self.prior.cost
+            # More than enough freedom explains anything, and leaves the parameters to their prior.
+            if self.normal.cost > enough:
+                break
+
+    def _arrived(self) -> None:
+        """At an end; where orders depend on one another once more with more of them."""
+        assert self.here is not None
+        if self.timed and not self.here.point.refined:
+            self.trial = self.here.point._replace(refined=True)
+            self.since = 0
+        else:
+            self.result, self.done = CONVERGED, True
+
+    def _give_in(self, balanced: bool) -> None:
+        """Where no step is better: less freedom of the motions, or more orders if those so far are balanced, or the
+        end.
+        """
+        assert self.here is not None
+        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        if self.freedom > 0.0:
+            self._firmer()
+            self.decrement = self._propose()
+        elif balanced and self.timed and not self.here.point.refined:
+            self._arrived()
+        else:
+            self.done = True
+
+    def _propose(self) -> float:
+        """The next trial. **Returns** the fall of the cost that a step without damping promises."""
+        assert self.here is not None
+        assert self.normal is not None
+        free, point = self.task.free, self.here.point
+        unknowns, step = point.unknowns.copy(), np.zeros(len(free))
+        gradient = self.normal.gradient + self.prior.weight * unknowns[free]
+        hessian = self.normal.hessian + np.diag(self.prior.weight)
+        decrement, self.foreseen = 0.0, self.normal.cost
+        if len(free):
+            scale = 1.0 / np.sqrt(np.diag(hessian))
+            scaled = hessian * scale[:, None] * scale[None]
+            downhill = scale * gradient
+            full = -scale * np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill)
+            decrement = -0.5 * float(gradient @ full)
+            self.foreseen = float(
+                self.normal.cost + self.normal.gradient @ full + 0.5 * full @ self.normal.hessian @ full
+            )
+            step = -scale * np.linalg.solve(scaled + self.damping * np.eye(len(free)), downhill)
+            self.promised = float(-gradient @ step - 0.5 * step @ hessian @ step)
+        unknowns[free] += step
+        motions = None
+        if self.timed:
+            motions = self._capped(self.normal.motion_step(step))
+        self.trial = Point(unknowns, motions, point.refined)
+        return decrement
+
+    def _capped(self, change: Float[np.ndarray, "state motion"]) -> Float[np.ndarray, "state dof wide"]:
+        """The motions after a step that is no longer than a share of each."""
+        assert self.here is not None
+        size = np.linalg.norm(np.asarray(self.here.point.motions).reshape(len(change), -1), axis=1)
+        most = self.cap * np.maximum(size, 0.1 * self._reach())
+        return self.lin.moved(
+            self.here, change * np.minimum(1.0, most / np.maximum(np.linalg.norm(change, axis=1), 1e-300))[:, None]
+        )
+
+    def back_to_balance(self) -> None:
+        """Where it went on from motions that balance and came to some that do not: to those."""
+        if self.best is not None and not self.settled:
+            self.here, self.normal, self.prior, self.cost = self.best
+
+    def balanced_normal(self) -> Normal | None:
+        """The normal equations where it is, the motions without freedom of their own; none where nothing is finite."""
+        if self.here is None or not math.isfinite(self.cost):
+            return None
+        return self.normal if self.freedom == 0.0 and self.normal else Normal(self.lin, self.here, self.task, 0.0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether its motions balance, with as many orders as are to be had."""
+        return not self.timed or (self._off() < BALANCED and self.here is not None and self.here.point.refined)

@@ -1,0 +1,198 @@
+"""The answer of an explanation in sentences: what is missing, how far the error falls, what is left, what ties."""
+
+from rotorjax.data.declarations import AMPLITUDE_CHANGES, Slip
+from rotorjax.discovery.explanation import Explanation
+from rotorjax.inference.noise import NO_SCATTER
+from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
+from rotorjax.reporting.missing_force import missing_force_lines
+from rotorjax.reporting.tables import number
+from rotorjax.reporting.wording import listed, percent, plain_name, said
+from rotorjax.units import MICROMETRE
+
+SAID = 2
+"""Ties with one part of the answer that a sentence names; of more the nearest, and a table lists all."""
+HALVED = 2.0
+"""Fall of the error from which on effects that do not explain all count as part of the answer."""
+WRONG_BOOKS = (
+    "Rig file or table may state a convention wrongly (sign of phase, sense of rotation, peak-to-peak, unit, exchanged "
+    "cables or runs): `--slips` tries these too."
+)
+
+
+def sentence(found: Explanation) -> str:
+    """The answer in a few sentences."""
+    named = missing_force_lines(found)
+    first, fall = misses(found), fall_line(found)
+    if found.verdict == "unexplained" and found.named_force is not None and found.named_force.enough:
+        # What explains all comes before what explains a part.
+        parts = [told(found), *named, first, fall, *as_if_lines(found), *tie_lines(found), left_line(found)]
+    else:
+        parts = [told(found), *as_if_lines(found), first, fall, *tie_lines(found), left_line(found), *named]
+    return " ".join(part for part in parts if part)
+
+
+def told(found: Explanation) -> str:
+    """The verdict in a sentence or two."""
+    by_verdict = {
+        "nothing missing": _nothing,
+        "explained": _missing,
+        "undecided": _undecided,
+        "unexplained": _unexplained,
+    }
+    return by_verdict[found.verdict](found)
+
+
+def misses(found: Explanation) -> str:
+    """How far the model as declared is off."""
+    return f"The model as declared differs from the measurement by {misfit_share(found.story.declared)}."
+
+
+def _missing(found: Explanation) -> str:
+    missing = f"Missing: {_with_open_sizes(found)}." if found.effects else "Nothing else is missing."
+    return missing if found.slip is None else f"{_slip(found.slip)} {missing}"
+
+
+def _with_open_sizes(found: Explanation) -> str:
+    """The effects found; of one whose size the data leave open that is said."""
+    every = sizes_by_effect(found.story.fits[-1], found.effects, None)
+    return listed(
+        [
+            plain_name(name)
+            + (" (of a size that is not determined)" if own and not any(s.determined for s in own) else "")
+            for name, _, own in every
+        ]
+    )
+
+
+def _slip(slip: Slip) -> str:
+    """What was written down wrongly, and what to change."""
+    return f"Written down wrongly: {slip.name}, {slip.meaning} ({slip.cure})."
+
+
+def _nothing(found: Explanation) -> str:
+    if found.contest.measurement.sigma is None:
+        return "No effect stands out; the noise is unknown, so that this says little."
+    if found.detected_but_small:
+        return "Nothing is missing that matters."
+    return "Nothing is missing that these data could show."
+
+
+def _undecided(found: Explanation) -> str:
+    others = ["others do as well"] if found.tied_groups() or found.named_force is not None else []
+    fails = [] if found.confirmed else ["on data held out the error does not fall"]
+    limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
+    likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
+    more = [f"something more is probable, such as {likely}"] if found.more else []
+    slip = [] if found.slip is None else [plain_name(found.slip.name)]
+    named = [*slip, *([_with_open_sizes(found)] if found.effects else [])]
+    what = listed(named) if named else "nothing that stands out so far"
+    return f"Undecided: {what}, but {listed([*others, *fails, *found.objections, *more, *limit])}."
+
+
+def _unexplained(found: Explanation) -> str:
+    if found.contest.measurement.rms == 0.0:
+        return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
+    books = "" if found.written.tried else f" {WRONG_BOOKS}"
+    return f"Unexplained: {_unexplained_why(found)}{books}"
+
+
+def _unexplained_why(found: Explanation) -> str:
+    """How far effects come that do not explain all."""
+    if (ahead := would_be_next(found)) is not None:
+        return f"no more than {found.max_effects} effects were to be added, and {plain_name(ahead)} would be next."
+    those = "those allowed" if found.restricted else "the catalogue"
+    if not found.named:
+        return f"no effect of {those} accounts for the difference between model and measurement."
+    if slight(found):
+        single, lower = ("single effect", "lowers") if len(found.named) == 1 else ("effects", "together lower")
+        return (
+            f"no {single} of {those} accounts for the difference between model and measurement; the best, "
+            f"{said(found.named)}, {lower} the error only {number(error_fall(found), 2)}-fold, to "
+            f"{number(found.story.last.rms / MICROMETRE)} µm rms."
+        )
+    accounts = "accounts" if len(found.named) == 1 else "account"
+    return (
+        f"{said(found.named)} {accounts} for part of the difference between model and measurement, and no further "
+        f"effect of {those} for the rest."
+    )
+
+
+def as_if_lines(found: Explanation) -> list[str]:
+    """A gain of the chain that a wrong convention or unit would look like."""
+    if "chain_gain" not in found.effects:
+        return []
+    fitted = found.story.fits[-1]
+    parts = [fitted.estimate("chain_gain", label) for label in ("gain_real", "gain_imaginary")]
+    gain = [1.0 + parts[0].value, parts[1].value]
+    near = (
+        one
+        for one in AMPLITUDE_CHANGES
+        if all(
+            abs(value - there) <= fitted.quantile * part.standard_error
+            for value, there, part in zip(gain, (one.factor, 0.0), parts, strict=True)
+        )
+    )
+    return [
+        f"A gain of {change.factor:.3g} is what it looks like if {change.meaning} ({change.cure})." for change in near
+    ]
+
+
+def would_be_next(found: Explanation) -> str | None:
+    """The effect at which the limit on their number stopped the search, if it did."""
+    return found.more[0].effect if found.more and len(found.effects) >= found.max_effects else None
+
+
+def slight(found: Explanation) -> bool:
+    """Whether what was found explains so little that it is not part of the answer."""
+    ended = would_be_next(found) is None
+    return found.verdict == "unexplained" and bool(found.named) and ended and error_fall(found) < HALVED
+
+
+def error_fall(found: Explanation) -> float:
+    """Error before anything was added over that at the end."""
+    story = found.story
+    after = story.last.rms
+    return _before(found) / after if after > 0.0 else float("inf")
+
+
+def _before(found: Explanation) -> float:
+    """The error with the uncertain values fitted; as declared where what is written was wrong [m]."""
+    return (found.story.views[0] if found.slip is None else found.story.declared).rms
+
+
+def fall_line(found: Explanation) -> str:
+    """How far the error falls with what was found; nothing where nothing was, or nothing to speak of."""
+    if not found.named or slight(found):
+        return ""
+    held, after = found.story.fits[-1].held_out_rms, found.story.last.rms
+    fold_text = f"{number(error_fall(found))}-fold" if after > 0.0 else "to nothing"
+    held_text = f" ({number(_before(found) / held)}-fold on data held out)" if held else ""
+    return f"With {said(found.named)} the error falls {fold_text}{held_text} to {number(after / MICROMETRE)} µm rms."
+
+
+def left_line(found: Explanation) -> str:
+    """Whether what is left is more than noise."""
+    p = found.p_value
+    if p is None:
+        return (
+            "The noise is unknown, so that nothing says whether what is left is more than noise."
+            if found.contest.measurement.sigma is None
+            else ""
+        )
+    sign = "<=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else "="
+    scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
+    judged = "is more than" if found.verdict == "unexplained" else "is what"
+    allow = "" if found.verdict == "unexplained" else " allow" if scatter else " allows"
+    return f"What is left {judged} the noise{scatter}{allow} (p {sign} {number(p.value, 2)}, {p.draws} draws)."
+
+
+def tie_lines(found: Explanation) -> list[str]:
+    """What these data cannot tell apart."""
+    return [f"These data cannot tell {said(names[0])} from {_others(names[1:])}." for names in found.tied_groups()]
+
+
+def _others(sets: list[list[str]]) -> str:
+    """Sets in a sentence; of many the nearest."""
+    if len(sets) <= SAID:
+        return ", or from ".join(said(names) for names in sets)
+    return f"{said(sets[0])}, or from {len(sets) - 1} other sets listed below"

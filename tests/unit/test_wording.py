@@ -1,0 +1,187 @@
+"""Numbers and names as people read them: values with their errors, probabilities, sizes, what is not determined."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, fit, response, tell
+from rotorjax.data.declarations import AMPLITUDE_CHANGES
+from rotorjax.data.rig_sections import Convention
+from rotorjax.discovery.force_shapes import Reach
+from rotorjax.discovery.named_force import reached
+from rotorjax.discovery.search import RETOLD, Telling
+from rotorjax.reporting import plots
+from rotorjax.reporting.answer import as_if_lines, sentence, slight
+from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
+from rotorjax.reporting.curves import Curve
+from rotorjax.reporting.sizes import sizes
+from rotorjax.reporting.wording import percent, plain_name, said, with_error
+
+SPEEDS = np.array([900.0, 1400.0, 1900.0, 2400.0, 2900.0])
+SIGMA = 2e-7
+
+
+def measured(*hidden, factor: float = 1.0) -> tuple[Model, Measurement]:
+    """A rotor and what it reads with some effects, times a factor; a trial weight in the second run."""
+    model, rng = Model(Jeffcott(0.9, [5e4, 4.5e4], [0.02, 0.02])), np.random.default_rng(7)
+    unbalance = np.repeat([[[2e-5, 1e-5]], [[4e-5, -1e-5]]], len(SPEEDS), axis=0)
+    conditions = Conditions.at_rpm(np.tile(SPEEDS, 2), unbalance=unbalance)
+    z = factor * np.asarray(response(model.plus(list(hidden)), conditions))
+    z = z + SIGMA * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    run = np.repeat([0, 1], len(SPEEDS))
+    return model, Measurement.from_arrays(z, conditions, run=run, runs=("first", "second"), sigma=SIGMA)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (9.0004, 0.0231, "9.00 ± 0.02"),
+        (0.9968, 0.017, "0.997 ± 0.017"),
+        (1190.2, 21.0, "1190 ± 20"),
+        (0.0023, 0.69, "0.0 ± 0.7"),
+        (-0.0004, 0.02, "0.00 ± 0.02"),
+        (2.96e10, 4.1e8, "(2.96 ± 0.04)e10"),
+        (3.2e-9, 1.3e-10, "(3.20 ± 0.13)e-9"),
+        (5.0, 0.0, "5.00"),
+    ],
+)
+def test_a_value_is_told_to_the_place_of_its_error(value, error, shown):
+    assert with_error(value, error) == shown
+
+
+@pytest.mark.parametrize(
+    ("probability", "shown"),
+    [
+        (0.99991, "> 99.9 %"),
+        (0.9989, "99.9 %"),
+        (0.5, "50.0 %"),
+        (0.0011, "0.1 %"),
+        (4e-75, "< 0.1 %"),
+        (0.0, "< 0.1 %"),
+    ],
+)
+def test_probabilities_claim_no_more_than_they_can(probability, shown):
+    assert percent(probability) == shown
+
+
+def test_effects_have_plain_names():
+    assert said(["residual_unbalance", "cross_coupling"]) == "residual unbalance and cross-coupling"
+    assert plain_name("term_cubic_x") == "cubic in x"
+    assert plain_name("trial_weight_opposite.first") == "trial weight opposite (first)"
+
+
+def test_sizes_are_those_of_the_field():
+    """Stiffness, damping and unbalance as an engineer states them; rig files' names beside."""
+    model, m = measured(effects.StiffnessError(0.01, 0.0), effects.DampingError(0.1, 0.0))
+    fitted = fit(model + effects.StiffnessError() + effects.DampingError(), m)
+    told = {size.what: size for size in sizes(fitted, ("stiffness_error", "damping_error"))}
+    assert set(told) == {"stiffness x", "stiffness y", "damping ratio x", "damping ratio y"}
+    assert told["stiffness x"].value.startswith(("+1.0", "+0.9"))
+    assert told["stiffness x"].value.endswith(" %")
+    assert float(told["damping ratio x"].value.split()[0]) == pytest.approx(2.0 * np.exp(0.1), abs=0.1)
+    assert told["damping ratio x"].labels == ("log_ratio_x",)
+    assert "log_ratio_x" in parameter_table(fitted).text()
+
+
+def test_what_the_data_leave_open_is_not_determined():
+    model, m = measured(effects.ResidualUnbalance(5e-6, 0.0))
+    fitted = fit(model + effects.ResidualUnbalance(), m)
+    (size,) = sizes(fitted, ("residual_unbalance",))
+    assert size.determined
+    assert " g mm at " in size.value
+    open_ = tuple(e._replace(determined=False) for e in fitted.estimates)
+    assert sizes(dataclasses.replace(fitted, estimates=open_), ("residual_unbalance",))[0].value == "not determined"
+    model, m = measured()
+    (size,) = sizes(fit(model + effects.CrossCoupling(), m), ("cross_coupling",))
+    assert not size.determined, "the only size of an effect, and its interval holds zero"
+
+
+def test_one_definition_of_how_far_off_a_model_is():
+    """The rms of noise alone is sqrt 2 standard errors; reduced chi-square is named, and no root of it."""
+    model, m = measured(effects.ResidualUnbalance(5e-6, 0.0))
+    story = tell(model, m, [])
+    assert m.noise_rms == pytest.approx(np.sqrt(2.0) * SIGMA)
+    assert story.noise_um() == pytest.approx(1e6 * m.noise_rms)
+    assert "0.200 µm per component (given): noise alone is 0.283 µm rms" in measurement_line(m)
+    assert f"reduced chi² {story.declared.reduced_chi2:.0f} (1 = noise only)" in verdict(story)
+    assert "times the standard error" not in verdict(story)
+
+
+def test_phases_are_shown_as_the_rig_file_counts_them():
+    model, m = measured()
+    view = tell(model, m, []).declared
+    lead, lag = (worst_cells(view, "", Convention(phase=phase)) for phase in ("lead", "lag"))
+    angles = [[int(row[4].split(" at ")[1][:-1]) for row in table.rows] for table in (lead, lag)]
+    assert angles[0] == [-angle for angle in angles[1]]
+    assert "phase lag" in lag.note
+    speed = np.linspace(0.0, 1.0, 5)
+    curve = Curve(speed, np.exp(1j * speed))
+    np.testing.assert_allclose(curve._replace(lag=True).phase_deg, -curve.phase_deg)
+
+
+def test_a_polar_plot_says_how_its_angles_count():
+    """0° to the right; a lead of 90° above, a lag of 90° below; circles that hold every vector."""
+    model, m = measured()
+    view = tell(model, m, []).declared
+    for phase, sign in (("lead", 1.0), ("lag", -1.0)):
+        (axes,) = plots.figure(4.0, 4.0)[1]
+        plots.polar(axes, view, probe="X", order=1.0, phase=phase)
+        at = {text.get_text(): text.xy for text in axes.texts}
+        assert {f"{angle}°" for angle in range(0, 360, 30)} <= set(at)
+        assert at["0°"][0] > 1e6 * np.abs(m.vectors[:, 0]).max()
+        assert np.sign(at["90°"][1]) == sign
+        assert phase in axes.get_xlabel()
+
+
+def test_a_gain_that_a_convention_would_explain_is_said_to_be_one():
+    model, m = measured(factor=2.0)
+    found = explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False)
+    assert found.effects == ("chain_gain",)
+    (line,) = as_if_lines(found)
+    assert AMPLITUDE_CHANGES[0].meaning in line
+    assert line in sentence(found)
+    model, m = measured(factor=1.9)
+    assert not as_if_lines(explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False))
+
+
+def test_what_hardly_helps_is_not_the_answer():
+    """Phases that lag where leads are stated: the best effect does next to nothing, and what is stated may be wrong."""
+    model, m = measured(effects.ResidualUnbalance(5e-6, 5e-6))
+    turned = dataclasses.replace(m, vectors=np.conj(m.vectors))
+    only = ["speed_error", "probe_gain", "mass_error"]
+    found = explain(model, turned, only=only, slips=False, thorough=False)
+    assert found.verdict == "unexplained"
+    assert slight(found) or not found.effects
+    assert "`--slips`" in sentence(found)
+    assert "error falls" not in sentence(found)
+    tried = explain(model, turned, only=[*only, "weight_absent", "probes_exchanged"], thorough=False)
+    assert tried.written.tried
+    assert "`--slips`" not in sentence(tried)
+
+
+@pytest.mark.parametrize(
+    ("term", "inverse_gap", "believed"),
+    [
+        ("term_dead_band_x", 1.0 / 50e-6, True),
+        ("term_dead_band_x", 1e-46, False),
+        ("term_dead_band_x", -1.0 / 50e-6, False),
+        ("term_one_sided_stop_x", -1.0 / 50e-6, True),
+        ("term_one_sided_stop_x", -1e-138, False),
+        ("clearance", 1.0 / 120e-6, True),
+        ("clearance", 1.0 / 200e-6, False),
+    ],
+)
+def test_a_gap_that_was_never_reached_is_not_named(term, inverse_gap, believed):
+    """The rotor came to 100 µm along x, 90 µm along y, and 130 µm from its place."""
+    assert reached(term, inverse_gap, Reach(100e-6, 90e-6, 130e-6)) == believed
+
+
+def test_a_long_stage_is_told_while_it_goes_on():
+    lines: list[str] = []
+    telling = Telling(lines.append, 100_000)
+    telling.stage("looking")
+    with telling.budget.share(50_000):
+        for _ in range(3):
+            telling.budget.spend(RETOLD // 2)
+    assert lines == [f"looking ({spent:,} of 100,000 linearisations)" for spent in (0, RETOLD)]
