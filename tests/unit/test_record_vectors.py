@@ -1,11 +1,13 @@
 """Vectors of recordings against synthetic truth: accuracy, standard errors, run-ups, slow roll, real waveforms."""
 
 import csv
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
+from threadpoolctl import threadpool_limits
 
 from rotorjax.data.pulses import Trigger, mended, pulse_times
 from rotorjax.data.record_vectors import read_recordings
@@ -15,10 +17,18 @@ from rotorjax.errors import InputError
 
 from recorded import RATE, Made, Z, as_csv, made, pulse, rig_file
 
-REAL = Path("/work/shared/real/gpl3")
+REAL = Path(os.environ.get("REAL_ROTOR_DATA", Path(__file__).parents[3] / "shared" / "real")) / "gpl3"
+"""Measured by others and not part of the package, by its licence; github.com/hstarmans/rotorbalancer, measurements/."""
 MASS, STIFFNESS, ZETA = 0.97, np.array([56500.0, 51300.0]), 0.02
 DAMPING = 2 * ZETA * np.sqrt(STIFFNESS * MASS)
 TRUTH = np.array(list(Z.values()))
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Products this small gain nothing from threads, which only wait for one another on a busy machine."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 def draw(rng, *, rpm, correlation, seconds=2.0, rate=12800.0, edge_s=1.5e-4):
