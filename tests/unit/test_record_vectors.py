@@ -1,7 +1,6 @@
 """Vectors of recordings against synthetic truth: accuracy, standard errors, run-ups, slow roll, real waveforms."""
 
 import csv
-import os
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from rotorjax.errors import InputError
 
 from recorded import RATE, Made, Z, as_csv, made, pulse, rig_file
 
-REAL = Path(os.environ.get("REAL_ROTOR_DATA", Path(__file__).parents[3] / "shared" / "real")) / "gpl3"
+REAL = Path(__file__).parents[3] / "shared" / "real" / "gpl3"
 """Measured by others and not part of the package, by its licence; github.com/hstarmans/rotorbalancer, measurements/."""
 MASS, STIFFNESS, ZETA = 0.97, np.array([56500.0, 51300.0]), 0.02
 DAMPING = 2 * ZETA * np.sqrt(STIFFNESS * MASS)
