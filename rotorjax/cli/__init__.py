@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from rotorjax.cli import commands
+from rotorjax.cli import commands, recordings
 from rotorjax.cli.many import explain_many
 from rotorjax.cli.progress import INTERRUPTED
 from rotorjax.cli.terminal import accept_any_character, complain, leave_output
@@ -68,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     _explain_many(command("explain-many", explain_many, "explain every table of a folder, on all processors"))
     _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
+    _vectors(command("vectors", recordings.vectors, "recordings in time to a measurement table"))
     sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
     sub.add_argument("name", nargs="?", metavar="NAME", help="an effect of the catalogue; all of them by default")
     sub = command("paper", commands.paper, "every table and figure of Huang et al. 2026 (Sensors 26:2565), recomputed")
@@ -75,6 +76,8 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--output", type=Path, default=Path("paper_tables"), metavar="DIR", help=what)
     sub = command("example", commands.example, "write a table, a rig file and what to type: a start for your own data")
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write to, made if it does not exist")
+    what = "recordings in time instead of a table, with a rig file that says what they are"
+    sub.add_argument("--recordings", action="store_true", help=what)
     return parser
 
 
@@ -85,7 +88,11 @@ def _compare(sub: argparse.ArgumentParser) -> None:
 
 
 def _explain(sub: argparse.ArgumentParser) -> None:
-    _inputs(sub)
+    sub.add_argument("data", type=Path, nargs="?", metavar="DATA.csv", help="measurement table, with --rig")
+    rig = "rig file: rotor, probes, what was installed in each run"
+    sub.add_argument("--rig", type=Path, metavar="RIG.toml", help=rig)
+    what = "instead of table and rig file: a rig file whose [recordings] name recordings in time"
+    sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
     _race(sub)
     _outputs(sub, "write the explained model as a rig file")
 
@@ -133,6 +140,18 @@ def _simulate(sub: argparse.ArgumentParser) -> None:
     noise = "standard error of real and of imaginary part, in µm (default: 0)"
     sub.add_argument("--noise-um", type=float, default=0.0, metavar="SIGMA", help=noise)
     sub.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the noise (default: 0)")
+    sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv", help="table to write")
+
+
+def _vectors(sub: argparse.ArgumentParser) -> None:
+    what = "recordings, or the rig file alone: then those that its [recordings] name"
+    sub.add_argument("files", type=Path, nargs="*", metavar="FILE", help=what)
+    sub.add_argument(
+        "--rig", type=Path, metavar="RIG.toml", help="rig file: which channel is what, which run a file holds"
+    )
+    sub.add_argument("--orders", metavar="1,2", help="orders (default: those of the rig file, or 1)")
+    rate = "sampling rate, where the file has no time (default: that of the rig file)"
+    sub.add_argument("--sample-rate", type=float, metavar="HZ", help=rate)
     sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv", help="table to write")
 
 

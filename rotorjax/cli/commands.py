@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_slip
 from rotorjax.cli.progress import progress_line
+from rotorjax.cli.recordings import read_recorded, table_or_recordings
 from rotorjax.cli.terminal import complain, say, terminal_width
 from rotorjax.compilation import use_double_precision
 from rotorjax.errors import InputError
@@ -75,6 +76,7 @@ def _write_outputs(
 
 def explain(options: argparse.Namespace) -> None:
     """What is missing."""
+    source = table_or_recordings(options)
     check_outputs(options)
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
@@ -83,14 +85,14 @@ def explain(options: argparse.Namespace) -> None:
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:
-        progress(f"reading {options.data}")
+        progress(f"reading {source}")
         use_double_precision()
         from rotorjax.batch.explaining import refuse_what_cannot_be_missing
         from rotorjax.discovery.explain import explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
-        rig, measurement = _read(options)
+        rig, measurement = read_recorded(options, progress) if options.recordings else _read(options)
         refuse_what_cannot_be_missing(only or (), rig, measurement)
         found = explain(
             rig.model,
@@ -108,7 +110,7 @@ def explain(options: argparse.Namespace) -> None:
         found.model,
         explanation_json(found, rig),
         found,
-        f"{options.data.name}: what {options.rig.name} lacks",
+        f"{source.name}: what {'the model' if options.recordings else options.rig.name} lacks",
         found.slip,
     )
 
@@ -191,7 +193,9 @@ def example(options: argparse.Namespace) -> None:
     from rotorjax.data.example import write_example
     from rotorjax.reporting.tables import wrapped
 
-    say(wrapped(write_example(options.folder), terminal_width()))
+    if options.recordings:
+        use_double_precision()
+    say(wrapped(write_example(options.folder, recordings=options.recordings), terminal_width()))
 
 
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
