@@ -11,6 +11,14 @@ from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.story import Story
 from rotorjax.reporting import plots
 from rotorjax.reporting.curves import declared_curves
+from rotorjax.reporting.pictures.orbits import (
+    centrelines,
+    draw_campbell,
+    natural_frequencies_of,
+    orbit_cases,
+    orbit_view,
+    pairs_read,
+)
 from rotorjax.reporting.pictures.views import (
     draw_before_after,
     draw_fall,
@@ -22,6 +30,8 @@ from rotorjax.reporting.pictures.views import (
 from rotorjax.units import MICROMETRE
 
 Phase = Literal["lead", "lag"]
+MOST_PLANES = 2
+"""Planes of probes whose orbits a report shows."""
 
 
 def story_pictures(story: Story, phase: Phase = "lead") -> list[tuple[str, bytes]]:
@@ -41,6 +51,7 @@ def story_pictures(story: Story, phase: Phase = "lead") -> list[tuple[str, bytes
             _polar(story, phase),
         )
     )
+    figures += [*_orbits(story), *_campbell(story)]
     figures.append(
         (
             "Size of the residual by run, speed and probe"
@@ -162,6 +173,58 @@ def _polar(story: Story, phase: Phase) -> Figure:
         plots.polar(each, story.last, probe=probe, order=first_order(m), runs=shown_runs(story.last), phase=phase)
     axes[0].legend(fontsize=8)
     return drawn
+
+
+def _orbits(story: Story) -> list[tuple[str, Figure]]:
+    """Orbits at the critical speeds or the largest responses, a row for each pair of probes; the full spectrum where
+    several orders were measured; the shaft centreline where 0X was.
+    """
+    view, model, figures = story.last, story.final_model, []
+    critical = [one.speed_rpm for one in story.lateral.critical_speeds or ()]
+    pairs = pairs_read(story)[:MOST_PLANES]
+    rows = [[orbit_view(view, model, case, pair) for case in orbit_cases(view, pair, critical)] for pair in pairs]
+    rows = [row for row in rows if row]
+    if rows:
+        columns = max(map(len, rows))
+        drawn, axes = plots.figure(max(3.8 * columns, 7.6), 4.4 * len(rows), len(rows), columns)
+        spectra, bars = plots.figure(max(3.8 * columns, 7.6), 2.8 * len(rows), len(rows), columns)
+        for r, row in enumerate(rows):
+            for c in range(columns):
+                path, bar = axes[r * columns + c], bars[r * columns + c]
+                if c >= len(row):
+                    path.set_axis_off()
+                    bar.set_axis_off()
+                    continue
+                plots.orbit(path, row[c].measured, row[c].model, probes=row[c].probes)
+                plots.full_spectrum(bar, row[c].measured, row[c].model)
+                for each in (path, bar):
+                    each.set_title(row[c].title, fontsize=9, loc="left")
+        which = "Of the run with the largest vibration: nearest to the critical speeds, then where it is largest."
+        figures.append((f"{plots.CAPTIONS['orbit']} {which}", drawn))
+        if any(sum(order > 0.0 for order in one.measured.orders) > 1 for row in rows for one in row):
+            figures.append((f"{plots.CAPTIONS['full_spectrum']} Readings as above.", spectra))
+    lines = [found for pair in pairs if (found := centrelines(view, model, pair, shown_runs(view)))]
+    if lines:
+        drawn, axes = plots.figure(max(4.6 * len(lines), 7.6), 4.2, 1, len(lines))
+        for each, found in zip(axes, lines, strict=True):
+            plots.centreline(each, found)
+        figures.append((plots.CAPTIONS["centreline"], drawn))
+    return figures
+
+
+def _campbell(story: Story) -> list[tuple[str, Figure]]:
+    """The Campbell diagram, where natural frequencies are known."""
+    found = natural_frequencies_of(story)
+    if found is None:
+        return []
+    drawn, (axes,) = plots.figure(9.2, 4.2)
+    draw_campbell(axes, story, found)
+    caption = plots.CAPTIONS["campbell"]
+    if found[1] is not None:
+        caption = f"{caption} Thin, dashed: as declared."
+    if story.lateral.linearised:
+        caption = f"{caption} Forces that depend on motion are left out."
+    return [(caption, drawn)]
 
 
 def _maps(story: Story) -> Figure:

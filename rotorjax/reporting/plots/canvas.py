@@ -4,6 +4,7 @@ import io
 import warnings
 
 import numpy as np
+from jaxtyping import Complex, Float
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -50,3 +51,34 @@ def with_room(values: np.ndarray) -> tuple[float, float]:
     """Limits that leave room for a legend above."""
     low, high = float(np.min(values)), float(np.max(values))
     return low - 0.08 * (high - low), high + 0.25 * (high - low)
+
+
+def label_speeds(
+    axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"], *, apart: float | None = None
+) -> None:
+    """Speeds beside vectors, where they do not lie on one another. **Arguments:** ``apart``: least distance of
+    those labelled; by default a share of their extent, from the origin too, about which the runs of a polar plot lie on
+    one another.
+    """
+    points, labelled = np.stack([np.real(z), np.imag(z)], axis=1), []
+    room = 0.12 * float(np.ptp(points, axis=0).max()) if apart is None and len(points) else apart or 0.0
+    for at, speed in zip(points, speed_rpm, strict=True):
+        if (apart is not None or np.linalg.norm(at) > room) and all(
+            np.linalg.norm(at - other) > room for other in labelled
+        ):
+            labelled.append(at)
+            axes.annotate(
+                f"{speed:.0f} rpm", tuple(at), textcoords="offset points", xytext=(5, 4), fontsize=7, zorder=5
+            )
+
+
+def arc_of_rotation(axes: Axes, radius: float, middle: float, spin: int) -> None:
+    """A short arc with an arrowhead in the sense of rotation. **Arguments:** ``middle``: its place, from right to up
+    [rad]; ``spin``: +1 for counterclockwise.
+    """
+    first, last = (radius * np.exp(1j * (middle - end * spin * np.radians(10.0))) for end in (1.0, -1.0))
+    bent = {"arrowstyle": "->", "connectionstyle": f"arc3,rad={0.18 * spin}", "color": "0.3"}
+    axes.annotate("", (last.real, last.imag), (first.real, first.imag), arrowprops=bent)
+    lower = first if first.imag <= last.imag else last
+    side = "left" if lower.real >= 0.0 else "center"
+    axes.annotate("rotation", (lower.real, lower.imag), fontsize=7, color="0.3", ha=side, va="top")

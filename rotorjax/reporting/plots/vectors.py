@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.reporting.curves import Curve
-from rotorjax.reporting.plots.canvas import COLOURS, logarithmic, plain
+from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, logarithmic, plain
 from rotorjax.units import MICROMETRE
 
 CIRCLES, LABELLED = 4, np.radians(15.0)
@@ -132,7 +131,7 @@ def polar(
         own = own[np.argsort(m.speed_rpm[cases][own], kind="stable")]
         axes.plot(z.real[own], z.imag[own], "o-", color=colour, markersize=4, linewidth=0.9, label=plain(run), zorder=3)
         if run == runs[0]:
-            _label_speeds(axes, z[own], m.speed_rpm[cases][own])
+            label_speeds(axes, z[own], m.speed_rpm[cases][own])
     largest = max(float(np.abs(part).max()) for part in (z, model)) if len(z) else 1.0
     _graticule(axes, largest or 1.0, phase)
     axes.set(
@@ -158,24 +157,8 @@ def _graticule(axes: Axes, largest: float, phase: Literal["lead", "lag"]) -> Non
         at = np.array([np.cos(angle), np.sin(angle)])
         axes.plot([0.0, rim * at[0]], [0.0, rim * at[1]], "-", **thin)
         axes.annotate(f"{degrees}°", tuple(1.09 * rim * at), fontsize=8, color="0.3", ha="center", va="center")
-    arc = 1.2 * rim * np.exp(1j * np.radians([35.0, 55.0]))
-    bent = {"arrowstyle": "->", "connectionstyle": "arc3,rad=0.18", "color": "0.3"}
-    axes.annotate("", (arc[1].real, arc[1].imag), (arc[0].real, arc[0].imag), arrowprops=bent)
-    axes.annotate("rotation", (arc[0].real, arc[0].imag), fontsize=7, color="0.3", ha="left", va="top")
+    arc_of_rotation(axes, 1.2 * rim, np.radians(45.0), 1)
     axes.set(xlim=(-1.3 * rim, 1.3 * rim), ylim=(-1.3 * rim, 1.3 * rim), xticks=[], yticks=[])
     axes.set_aspect("equal", adjustable="box")
     for spine in axes.spines.values():
         spine.set_visible(False)
-
-
-def _label_speeds(axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"]) -> None:
-    """Speeds beside vectors, where they do not lie on one another."""
-    points, labelled = np.stack([np.real(z), np.imag(z)], axis=1), []
-    room = 0.12 * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    for at, speed in zip(points, speed_rpm, strict=True):
-        # About the origin the runs lie on one another.
-        if np.linalg.norm(at) > room and all(np.linalg.norm(at - other) > room for other in labelled):
-            labelled.append(at)
-            axes.annotate(
-                f"{speed:.0f} rpm", tuple(at), textcoords="offset points", xytext=(5, 4), fontsize=7, zorder=5
-            )
