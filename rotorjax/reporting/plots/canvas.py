@@ -15,6 +15,9 @@ from rotorjax.data.names import harmless
 COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
 """Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
 
+LONGEST_NAME = 24
+"""Characters of a name in a picture."""
+
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """A figure with its axes, row by row, laid out so that labels do not overlap. Sizes in inches."""
@@ -33,9 +36,13 @@ def svg(drawn: Figure) -> bytes:
 
 def plain(name: str) -> str:
     """A user's name as it is: a dollar sign begins no formula, an underline hides no entry of a legend, a control
-    character is written out.
+    character is written out. A long one, which would leave the picture no room, is shortened in its middle.
     """
-    return (" " if name.startswith("_") else "") + harmless(name).replace("$", r"\$")
+    shown = harmless(name)
+    if len(shown) > LONGEST_NAME:
+        half = (LONGEST_NAME - 1) // 2
+        shown = f"{shown[: LONGEST_NAME - 1 - half]}…{shown[-half:]}"
+    return (" " if shown.startswith("_") else "") + shown.replace("$", r"\$")
 
 
 def logarithmic(axes: Axes) -> None:

@@ -166,8 +166,12 @@ def centreline(
     **Arguments:** ``lines`` by run; ``clearance_um``: radius of the bearing clearance, drawn as a circle about
     ``centre_um``.
     """
-    shown = [place for one in lines.values() for place in (one.measured, one.predicted) if place is not None]
-    extent = max([float(np.ptp(np.concatenate(shown), axis=0).max()) / MICROMETRE, 2.0 * (clearance_um or 0.0)])
+    shown = [
+        place / MICROMETRE for one in lines.values() for place in (one.measured, one.predicted) if place is not None
+    ]
+    rim = [] if clearance_um is None else [np.add.outer([-clearance_um, clearance_um], centre_um)]
+    every = np.concatenate([*shown, *rim])
+    extent, middle = float(np.ptp(every, axis=0).max()) or 1.0, 0.5 * (every.min(axis=0) + every.max(axis=0))
     for colour, (run, line) in zip(COLOURS, lines.items(), strict=False):
         order = np.argsort(line.speed_rpm, kind="stable")
         place = line.measured[order] / MICROMETRE
@@ -183,8 +187,8 @@ def centreline(
         x, y = centre_um[0] + clearance_um * np.cos(turn), centre_um[1] + clearance_um * np.sin(turn)
         axes.plot(x, y, "--", color="0.3", linewidth=1.0, label="clearance")
         axes.plot(*centre_um, "+", color="0.3", markersize=8)
-    axes.set(xlabel="x, µm", ylabel="y, µm")
-    axes.margins(0.12)
+    limits = [(float(at - 0.6 * extent), float(at + 0.6 * extent)) for at in middle]
+    axes.set(xlabel="x, µm", ylabel="y, µm", xlim=limits[0], ylim=limits[1])
     axes.set_aspect("equal", adjustable="box")
     axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(lines) + 1, frameon=False)
     axes.grid(alpha=0.3)
