@@ -30,6 +30,8 @@ from rotorjax.reporting.pictures.views import (
 from rotorjax.units import MICROMETRE
 
 Phase = Literal["lead", "lag"]
+LETTER, SHORT_NAME = 0.07, 4
+"""Height of a letter of an upright label [inch], and of how many a map of residuals has room anyway."""
 MOST_PLANES = 2
 """Planes of probes whose orbits a report shows."""
 
@@ -229,7 +231,8 @@ def _campbell(story: Story) -> list[tuple[str, Figure]]:
 
 def _maps(story: Story) -> Figure:
     views = [("as declared", story.declared), *([("with what was added", story.last)] if story.changed else [])]
-    height = max(2.6, 0.6 + 0.2 * len(story.measurement.runs))
+    longest = max(len(plots.plain(probe)) for probe in story.measurement.probes_read)
+    height = max(2.6, 0.6 + 0.2 * len(story.measurement.runs)) + LETTER * max(0, longest - SHORT_NAME)
     drawn, axes = plots.figure(10.0, height, 1, len(views))
     sizes = np.concatenate([np.abs(v.residual[v.present]) for _, v in views]) / MICROMETRE
     positive = sizes[sizes > 0.0]

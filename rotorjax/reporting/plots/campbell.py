@@ -13,6 +13,8 @@ from rotorjax.reporting.plots.canvas import COLOURS
 DAMPED = LinearSegmentedColormap.from_list("damped", ["#0b2545", "#2f78b8", "#7fb2dd"])
 """Dark where there is little damping."""
 UNSTABLE = "#ab2b2b"
+PAPER = {"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.6}
+"""Behind names that lie on lines."""
 BESIDE = 0.03
 """Room at the right, in spans of the speeds."""
 
@@ -107,7 +109,7 @@ def _name_modes(axes: Axes, found: NaturalFrequencies) -> None:
         ends[name] = float(found.speed_rpm[last]), float(found.frequency_hz[last, k])
     for k, (name, (x, y)) in enumerate(sorted(ends.items(), key=lambda item: item[1][1])):
         beside = {"xytext": (-2, -5), "va": "top"} if k == 0 and len(ends) > 1 else {"xytext": (-2, 4), "va": "bottom"}
-        axes.annotate(name.strip(), (x, y), textcoords="offset points", ha="right", fontsize=8, zorder=6, **beside)
+        axes.annotate(name.strip(), (x, y), textcoords="offset points", ha="right", fontsize=8, bbox=PAPER, **beside)
 
 
 def _order_line(axes: Axes, order: float, end: float, top: float) -> None:

@@ -15,6 +15,9 @@ from rotorjax.units import MICROMETRE
 CIRCLES, LABELLED = 4, np.radians(15.0)
 """Circles of amplitude in a polar plot, and where their sizes are written."""
 
+SHORT_NAME = 8
+"""Characters of a probe's name that go into one line with the rest of a label."""
+
 
 def bode(
     amplitude: Axes,
@@ -59,7 +62,8 @@ def bode(
                 axes.axvline(speed, color="0.45", linestyle=":", linewidth=1.0, zorder=0)
         axes.grid(alpha=0.3)
     logarithmic(amplitude)
-    amplitude.set(ylabel=f"{plain(probe)} {order:g}X amplitude, µm (0-peak)")
+    apart = " " if len(plain(probe)) <= SHORT_NAME else "\n"
+    amplitude.set(ylabel=f"{plain(probe)}{apart}{order:g}X amplitude, µm (0-peak)")
     phase.set(ylabel=f"phase {'lag' if lag else 'lead'}, degrees", xlabel="speed, rpm")
     phase.yaxis.set_major_locator(MultipleLocator(90.0 if np.ptp(phase.get_ylim()) < 720.0 else 180.0))
     return amplitude, phase
