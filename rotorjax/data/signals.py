@@ -94,15 +94,15 @@ def vectors_from_waveform(
     all vectors alike and leaves no scatter: it is counted only as ``pulse_error``.
 
     **Arguments:** ``time`` (sample) [s]; ``displacement`` (sample, probe) [m]; ``pulses`` of the phase reference [s],
-    those outside the record are left out; ``orders`` to fit: name 2.0 too where a 2X is large, because record ends
-    that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial. One
-    is good for a dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a
-    quadratic one only 1/(π n N)²; ``changing`` degree of the vectors' change over the record, 0 for a dwell;
-    ``pulse_error`` standard error common to all pulses [s], for edges shorter than a sample at most one sample / √12,
-    by default what the places of the pulses between samples tell: just that where they are the same in every
-    revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and
-    cure, for samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer
-    than two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
+    those outside the record are left out; ``orders`` to fit: name 2.0 too where a 2X is large, as record ends between
+    samples leak about one part in their number; ``drift`` degree of the polynomial. One is good for a dwell: a linear
+    drift left out leaks 1/(π n N) of its span over N revolutions into order n, a quadratic one only 1/(π n N)²;
+    ``changing`` degree of the vectors' change over the record, 0 for a dwell; ``pulse_error`` standard error common to
+    all pulses [s], for edges shorter than a sample at most one sample / √12, by default what the places of the pulses
+    between samples tell: just that where they are the same in every revolution; 0 for pulses known exactly.
+    **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and cure, for samples not finite, shapes that
+    do not match, time or pulses not rising, missing or double pulses, fewer than two whole revolutions, orders that the
+    record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
     """
     instants, waves = record_of(time, displacement, "displacement")
     marks = _within(regular(pulses), instants)
@@ -120,15 +120,22 @@ def vectors_from_waveform(
     level = 2 * len(turning) * (1 + changing)
     vectors = (parts[:, 0] - 1j * parts[:, 1]).T
     speed = TURN * count / (marks[-1] - marks[0])
-    # A pulse late by τ turns z by n Ω τ.
     common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
-    turned = 1j * turning[:, None] * speed * common_error * vectors.T
-    common = numpy_pair(turned).reshape(len(turning), -1)
     return WaveformVectors(
-        vectors, covariance + common[:, :, None] * common[:, None, :], pairs,
+        vectors, covariance + _turned_together(vectors, turning, speed * common_error), pairs,
         float(speed / RPM), _speed_change(marks), count, angle, residual,
         solution[level], _constant_error(left, design, angle[used], turning, count, level),
     )  # fmt: skip
+
+
+def _turned_together(
+    vectors: Complex[np.ndarray, "probe order"], orders: Float[np.ndarray, "order"], angle: float
+) -> Float[np.ndarray, "order part part"]:
+    """Covariance of all probes' parts, order by order, where the shaft angle of all revolutions is off by one random
+    ``angle`` [rad]: it turns z_n by n times that.
+    """
+    turned = numpy_pair(1j * orders[:, None] * angle * vectors.T).reshape(len(orders), -1)
+    return turned[:, :, None] * turned[:, None, :]
 
 
 def _speed_change(marks: Float[np.ndarray, "_"]) -> float:

@@ -32,7 +32,6 @@ import batch_cases
 from batch_cases import CONFIGURATION, square, troubled
 
 SCRIPT = Path(batch_cases.__file__)
-KILLS = 20
 
 
 def squares(count: int) -> list[Case]:
@@ -127,12 +126,13 @@ def started(folder: Path, count: int, function: str) -> subprocess.Popen:
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
-def test_killed_at_random_moments_loses_nothing_finished(tmp_path: Path):
+@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.campaign)])
+def test_killed_at_random_moments_loses_nothing_finished(tmp_path: Path, kills: int):
     """Progress is told after a row is kept: what was told is there, whole, and no worker goes on."""
     chance, count, before, workers = random.Random(20260417), 5000, 0, set()
     with store(tmp_path) as kept:
         kept.plan(squares(count))
-    for kill in range(KILLS):
+    for kill in range(kills):
         process = started(tmp_path, count, "slow")
         assert process.stderr is not None
         # Every second one in the midst of the cases, however long a loaded machine takes to come there.
@@ -152,7 +152,7 @@ def test_killed_at_random_moments_loses_nothing_finished(tmp_path: Path):
         assert count - len(left) == before >= max(told)
         assert all(row["square"] == int(row["name"].split()[1]) ** 2 for row in rows)
         workers |= {row["process"] for row in rows}
-    assert len(workers) >= KILLS // 2
+    assert len(workers) >= kills // 2
     assert gone(workers)
     assert [path.name for path in tmp_path.iterdir() if "journal" not in path.name] == ["rows.sqlite"]
 
