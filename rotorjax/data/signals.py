@@ -104,7 +104,7 @@ def vectors_from_waveform(
     do not match, time or pulses not rising, missing or double pulses, fewer than two whole revolutions, orders that the
     record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
     """
-    instants, waves = record_of(time, displacement, "displacement")
+    turning, (instants, waves) = np.array(orders, float), record_of(time, displacement, "displacement")
     marks = _within(regular(pulses), instants)
     count = len(marks) - 1
     used = (instants >= marks[0]) & (instants < marks[-1])
@@ -114,8 +114,7 @@ def vectors_from_waveform(
     solution = np.linalg.lstsq(design, waves[used])[0]
     residual = np.full(waves.shape, np.nan)
     residual[used] = left = waves[used] - design @ solution
-    turning = np.asarray(orders, dtype=float)
-    parts = solution[: 2 * len(turning)].reshape(len(turning), 2, -1)
+    parts = solution[: 2 * len(orders)].reshape(len(orders), 2, -1)
     covariance, pairs = _scatter(left, design, angle[used], turning, count, changing)
     level = 2 * len(turning) * (1 + changing)
     vectors = (parts[:, 0] - 1j * parts[:, 1]).T
