@@ -27,7 +27,7 @@ from timing import timed
 
 from rotorjax import explain
 from rotorjax.cli import main as command_line
-from rotorjax.cli.commands import use_double_precision
+from rotorjax.compilation import use_double_precision
 from rotorjax.data.files import write_whole
 
 DRAWN = {

@@ -23,7 +23,7 @@ from rotorjax import (
     SupportEffect,
     WaveformEffect,
 )
-from rotorjax.cli.commands import use_double_precision
+from rotorjax.compilation import use_double_precision
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.model.contract import Plan

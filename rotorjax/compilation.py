@@ -1,7 +1,33 @@
-"""What compilations hold on to, and how it is let go."""
+"""Compilation as a process sets it up, what it holds on to, and how that is let go."""
 
 import ctypes
+import os
 import sys
+from pathlib import Path
+
+MOST_MAPS = 30_000
+"""Memory maps of a process from which on compiled programs are dropped: Linux grants 65530 (vm.max_map_count), and a
+compilation beyond them ends the process.
+"""
+
+
+def use_double_precision() -> None:
+    """Double precision, and compiled programs kept for the next process."""
+    import jax  # noqa: PLC0415  what needs no JAX starts without it
+
+    jax.config.update("jax_enable_x64", True)
+    if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
+        jax.config.update("jax_compilation_cache_dir", cache)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def spare_memory_maps() -> None:
+    """Drop compiled programs before a process has as many as Linux grants: one that sees thousands of rigs would."""
+    import jax  # noqa: PLC0415
+
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
 
 
 def release_freed_memory() -> None:
@@ -10,3 +36,13 @@ def release_freed_memory() -> None:
     """
     if sys.platform == "linux" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
         trim(0)
+
+
+def _cache_folder() -> str | None:
+    """A folder of the user's for compiled programs; none where it cannot be made."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return str(folder)

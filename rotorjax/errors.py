@@ -1,5 +1,8 @@
 """The error that a user's input causes."""
 
+MOST_PROBLEMS = 20
+"""Problems of one input that are shown."""
+
 
 class InputError(ValueError):
     """Input from a user that cannot be used: one line per problem, each with place and cure."""
@@ -7,3 +10,8 @@ class InputError(ValueError):
     def __init__(self, *problems: str):
         super().__init__("\n".join(problems))
         self.problems = problems
+
+    def shown(self) -> list[str]:
+        """The problems as they are shown: the first ones, and how many more there are."""
+        more = len(self.problems) - MOST_PROBLEMS
+        return [*self.problems[:MOST_PROBLEMS], *([f"and {more} more problems"] if more > 0 else [])]

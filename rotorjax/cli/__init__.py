@@ -6,14 +6,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from rotorjax.cli import commands
+from rotorjax.cli import commands, recordings
+from rotorjax.cli.many import explain_many
 from rotorjax.cli.progress import INTERRUPTED
 from rotorjax.cli.terminal import accept_any_character, complain, leave_output
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
 BAD_INPUT = 2
-MOST_PROBLEMS = 20
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -24,10 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         options.command(options)
     except InputError as error:
-        for problem in error.problems[:MOST_PROBLEMS]:
+        for problem in error.shown():
             complain(problem)
-        if len(error.problems) > MOST_PROBLEMS:
-            complain(f"and {len(error.problems) - MOST_PROBLEMS} more problems")
         return BAD_INPUT
     except KeyboardInterrupt:
         complain("stopped")
@@ -67,8 +65,10 @@ def _parser() -> argparse.ArgumentParser:
             "explain", commands.explain, "which effect is missing, how sure, what ties with it, what to measure next"
         )
     )
+    _explain_many(command("explain-many", explain_many, "explain every table of a folder, on all processors"))
     _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
+    _vectors(command("vectors", recordings.vectors, "recordings in time to a measurement table"))
     sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
     sub.add_argument("name", nargs="?", metavar="NAME", help="an effect of the catalogue; all of them by default")
     sub = command("paper", commands.paper, "every table and figure of Huang et al. 2026 (Sensors 26:2565), recomputed")
@@ -76,6 +76,8 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--output", type=Path, default=Path("paper_tables"), metavar="DIR", help=what)
     sub = command("example", commands.example, "write a table, a rig file and what to type: a start for your own data")
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write to, made if it does not exist")
+    what = "recordings in time instead of a table, with a rig file that says what they are"
+    sub.add_argument("--recordings", action="store_true", help=what)
     return parser
 
 
@@ -86,7 +88,31 @@ def _compare(sub: argparse.ArgumentParser) -> None:
 
 
 def _explain(sub: argparse.ArgumentParser) -> None:
-    _inputs(sub)
+    sub.add_argument("data", type=Path, nargs="?", metavar="DATA.csv", help="measurement table, with --rig")
+    rig = "rig file: rotor, probes, what was installed in each run"
+    sub.add_argument("--rig", type=Path, metavar="RIG.toml", help=rig)
+    what = "instead of table and rig file: a rig file whose [recordings] name recordings in time"
+    sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
+    _race(sub)
+    _outputs(sub, "write the explained model as a rig file")
+
+
+def _explain_many(sub: argparse.ArgumentParser) -> None:
+    what = (
+        "folder of tables, each with a rig file of the same stem or rig.toml beside it; or list with columns data,rig"
+    )
+    sub.add_argument("source", type=Path, metavar="FOLDER|LIST.csv", help=what)
+    what = "results, one row per table: .parquet, .sqlite or .csv"
+    sub.add_argument("--output", type=Path, required=True, metavar="FILE", help=what)
+    sub.add_argument("--html", type=Path, metavar="FILE.html", help="write an overview, first what needs attention")
+    sub.add_argument("--reports", type=Path, metavar="DIR", help="write a report of every table into this folder")
+    what = "so many processes at one time (default: one per processor)"
+    sub.add_argument("--workers", type=int, metavar="N", help=what)
+    sub.add_argument("--cluster", metavar="ADDRESS", help="use the workers of this Dask scheduler, tcp://host:8786")
+    _race(sub)
+
+
+def _race(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
     sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
@@ -95,7 +121,6 @@ def _explain(sub: argparse.ArgumentParser) -> None:
         "always, or never; by default where nothing else explains the data"
     )
     sub.add_argument("--slips", action=argparse.BooleanOptionalAction, help=slips)
-    _outputs(sub, "write the explained model as a rig file")
 
 
 def _diagnose(sub: argparse.ArgumentParser) -> None:
@@ -115,6 +140,18 @@ def _simulate(sub: argparse.ArgumentParser) -> None:
     noise = "standard error of real and of imaginary part, in µm (default: 0)"
     sub.add_argument("--noise-um", type=float, default=0.0, metavar="SIGMA", help=noise)
     sub.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the noise (default: 0)")
+    sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv", help="table to write")
+
+
+def _vectors(sub: argparse.ArgumentParser) -> None:
+    what = "recordings, or the rig file alone: then those that its [recordings] name"
+    sub.add_argument("files", type=Path, nargs="*", metavar="FILE", help=what)
+    sub.add_argument(
+        "--rig", type=Path, metavar="RIG.toml", help="rig file: which channel is what, which run a file holds"
+    )
+    sub.add_argument("--orders", metavar="1,2", help="orders (default: those of the rig file, or 1)")
+    rate = "sampling rate, where the file has no time (default: that of the rig file)"
+    sub.add_argument("--sample-rate", type=float, metavar="HZ", help=rate)
     sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv", help="table to write")
 
 

@@ -1,6 +1,7 @@
 """What the arguments of a command mean, checked before anything is computed."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorjax.errors import InputError
@@ -113,11 +114,14 @@ def check_outputs(options: argparse.Namespace) -> None:
     """
     read = {
         path.resolve(): f"{path} is read"
-        for path in (getattr(options, n, None) for n in ("data", "rig", "like"))
-        if path
+        for path in (
+            *(getattr(options, n, None) for n in ("data", "rig", "like", "source", "recordings")),
+            *getattr(options, "files", ()),
+        )
+        if isinstance(path, Path)
     }
     problems = []
-    for name in ("json", "report", "write_rig", "output"):
+    for name in ("json", "report", "write_rig", "output", "html"):
         path = getattr(options, name, None)
         if path is None:
             continue

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_slip
 from rotorjax.cli.progress import progress_line
+from rotorjax.cli.recordings import read_recorded, table_or_recordings
 from rotorjax.cli.terminal import complain, say, terminal_width
+from rotorjax.compilation import use_double_precision
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def _write_outputs(
 
 def explain(options: argparse.Namespace) -> None:
     """What is missing."""
+    source = table_or_recordings(options)
     check_outputs(options)
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
@@ -83,21 +85,15 @@ def explain(options: argparse.Namespace) -> None:
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:
-        progress(f"reading {options.data}")
+        progress(f"reading {source}")
         use_double_precision()
+        from rotorjax.batch.explaining import refuse_what_cannot_be_missing
         from rotorjax.discovery.explain import explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
-        rig, measurement = _read(options)
-        declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
-        if held := [name for name in only or () if name in rig.model or name in declared]:
-            how = (
-                "declares it uncertain, so that it is fitted in any case"
-                if held[0] in declared
-                else "has it in [effects] already"
-            )
-            raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
+        rig, measurement = read_recorded(options, progress) if options.recordings else _read(options)
+        refuse_what_cannot_be_missing(only or (), rig, measurement)
         found = explain(
             rig.model,
             measurement,
@@ -114,7 +110,7 @@ def explain(options: argparse.Namespace) -> None:
         found.model,
         explanation_json(found, rig),
         found,
-        f"{options.data.name}: what {options.rig.name} lacks",
+        f"{source.name}: what {'the model' if options.recordings else options.rig.name} lacks",
         found.slip,
     )
 
@@ -197,27 +193,9 @@ def example(options: argparse.Namespace) -> None:
     from rotorjax.data.example import write_example
     from rotorjax.reporting.tables import wrapped
 
-    say(wrapped(write_example(options.folder), terminal_width()))
-
-
-def use_double_precision() -> None:
-    """Double precision, and compiled programs kept for the next process."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
-        jax.config.update("jax_compilation_cache_dir", cache)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-
-
-def _cache_folder() -> str | None:
-    """A folder of the user's for compiled programs; none where it cannot be made."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return str(folder)
+    if options.recordings:
+        use_double_precision()
+    say(wrapped(write_example(options.folder, recordings=options.recordings), terminal_width()))
 
 
 def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":

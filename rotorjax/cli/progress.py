@@ -15,15 +15,18 @@ from rotorjax.data.names import harmless
 INTERRUPTED = 130
 TICK_S = 1.0
 QUIET_S = 10.0
-"""After which a line is repeated where it cannot be renewed in place."""
+"""After which a line is repeated where it cannot be renewed in place, for what takes a minute."""
 
 
 @contextlib.contextmanager
-def progress_line() -> Iterator[Callable[[str], None]]:
+def progress_line(kept: str = "", quiet_s: float = QUIET_S) -> Iterator[Callable[[str], None]]:
     """Says on standard error what is being done and for how long: on a terminal in place, gone at the end, elsewhere a
-    line for every stage and for every ten seconds of one.
+    line for every stage, repeated while it goes on.
 
     While it lasts Ctrl-C ends the process at once, in the midst of a compilation too.
+
+    **Arguments:** ``kept``: what is said then, such as where the results so far are; ``quiet_s``: after which a line is
+    repeated where it cannot be renewed in place.
     """
     began, terminal, stage, over = time.monotonic(), sys.stderr.isatty(), [""], threading.Event()
     shown = [began]
@@ -50,12 +53,12 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
     def tick() -> None:
         while not over.wait(TICK_S):
-            if stage[0] and (terminal or time.monotonic() - shown[0] >= QUIET_S):
+            if stage[0] and (terminal or time.monotonic() - shown[0] >= quiet_s):
                 show(stage[0])
 
     threading.Thread(target=tick, daemon=True).start()
     try:
-        with _interruptible():
+        with _interruptible(kept):
             yield progress
     finally:
         over.set()
@@ -64,9 +67,9 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
 
 @contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile, so that
-    nothing is lost.
+def _interruptible(kept: str) -> Iterator[None]:
+    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile but rows
+    of a database, whole or not at all, so that nothing is lost.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -78,7 +81,7 @@ def _interruptible() -> Iterator[None]:
     def wait() -> None:
         while number := woken.recv(1):
             if number[0] == signal.SIGINT:
-                print("\nrotorjax: stopped", file=sys.stderr, flush=True)
+                print(f"\nrotorjax: stopped{'; ' if kept else ''}{harmless(kept)}", file=sys.stderr, flush=True)
                 os._exit(INTERRUPTED)
 
     waiting = threading.Thread(target=wait, daemon=True)

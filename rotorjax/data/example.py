@@ -31,8 +31,9 @@ Then put your own vectors and your own rotor into the two files.
 """
 
 
-def write_example(folder: Path) -> str:
-    """Write the example's files into a folder, which is made if it is missing. **Returns** what to type.
+def write_example(folder: Path, *, recordings: bool = False) -> str:
+    """Write the example's files into a folder, which is made if it is missing, with ``recordings`` in time instead of
+    the table. **Returns** what to type.
 
     **Errors.** `InputError` if a file of that name is there already, or the folder cannot be made.
     """
@@ -43,6 +44,11 @@ def write_example(folder: Path) -> str:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror or error}); choose another folder") from error
-    for name in FILES:
-        write_whole(folder / name, (files("rotorjax") / "data" / "example" / name).read_text(encoding="utf-8"))
+    shipped = {name: (files("rotorjax") / "data" / "example" / name).read_text(encoding="utf-8") for name in FILES}
+    if recordings:
+        from rotorjax.data.example_recordings import write_recordings  # noqa: PLC0415 - JAX is not needed otherwise
+
+        return write_recordings(folder, shipped["rig.toml"])
+    for name, text in shipped.items():
+        write_whole(folder / name, text)
     return GUIDE.format(folder=folder)

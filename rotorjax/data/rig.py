@@ -32,7 +32,7 @@ from rotorjax.data.rig_sections import (
 )
 from rotorjax.data.section import Document, nearest
 from rotorjax.data.table import Table, parse_table, read_table, write_table
-from rotorjax.data.waveform_sections import check_recordings, check_waveform
+from rotorjax.data.waveform_sections import Waveform, waveform_of
 from rotorjax.effects.terms import NAMED
 from rotorjax.errors import InputError
 from rotorjax.model.conditions import Layout, Probes
@@ -67,6 +67,8 @@ class Rig:
     path: Path
     text: str
     planes: Mapping[str, Plane]
+    waveform: Waveform
+    """What recordings in time are."""
     document: Document
     """The file as read, for the places of what is said about it."""
 
@@ -201,14 +203,13 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     )  # fmt: skip
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = effects_of(document, layout, catalog)
-    check_waveform(document, tuple(model_parts[1]))
-    check_recordings(document, tuple(runs))
+    waveform = waveform_of(document, tuple(model_parts[1]), tuple(runs))
     document.raise_problems()
     model = _assemble(model_parts[0], model_parts[1], participation, slow_roll)
     orders = {order for _, _, named in declared for order in named}
     model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
     model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])
-    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, document)
+    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, waveform, document)
 
 
 def read_measurement(path: str | Path, rig: Rig) -> Measurement:

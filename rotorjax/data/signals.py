@@ -7,35 +7,19 @@ Source: Huang et al. 2026, Sensors 26:2565, section 2.3 and Figure 7 (two laser 
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.ndimage import median_filter
 
 from rotorjax.arrays import Numbers, numpy_pair
+from rotorjax.data.pulses import TURN, record_of, regular, shaft_angle
 from rotorjax.units import RPM
 
-TURN = 2.0 * np.pi
-TAIL = 0.002
-"""Share of samples at either end that may be outliers of a reference channel: the shortest pulse, in revolutions."""
-HYSTERESIS = 0.4
-"""Share of the way from threshold to either level that a reference must go before it counts as low or high."""
-PLATEAU = 0.8
-"""Quantile of the samples above the middle that stands for the high level, and the mirror image for the low one.
-
-Past the median, because a band-limited pulse has much of its samples on its edges; the outward error by noise is
-alike on both sides and leaves the threshold in the middle.
-"""
-TWO_LEVELS = 4.5
-"""Distance of the levels over their scatter: 3.4 for Gaussian noise alone, 4 for uniform noise, 5 for a sine."""
-IRREGULAR = 1.5
-"""A revolution this much longer or shorter than those around it is a missing or a double pulse, not a speed."""
 FEWEST_REVOLUTIONS = 2
 """One revolution cannot tell a drift from an order."""
-SAME_PLACE = 0.9
-"""Resultant length of the pulses' places between samples from which they count as the same place."""
+MOST_HARMONICS = 20
+"""Of the rounding error of hard edges over their place between samples, which falls as one over the harmonic."""
 BAND = 0.4
 """Sidebands reach this far from an order, relative to the order but at most 1: short of a whirl near half the speed."""
 FEWEST_SIDEBANDS, MOST_SIDEBANDS = 2, 16
@@ -61,6 +45,10 @@ class WaveformVectors(NamedTuple):
     """Shaft angle from the first pulse [rad]; NaN outside the revolutions used."""
     residual: Float[np.ndarray, "sample probe"]
     """Displacement less orders and drift [m]; NaN outside the revolutions used."""
+    constant: Float[np.ndarray, "probe"]
+    """Order 0: mean displacement [m], the shaft centreline; zero where the measuring chain passes no constant."""
+    constant_sigma: Float[np.ndarray, "probe"]
+    """Its standard error [m]."""
 
     @property
     def sigma(self) -> Float[np.ndarray, "probe order"]:
@@ -87,62 +75,6 @@ class Folded(NamedTuple):
     """Number in each bin."""
 
 
-def pulse_times(
-    time: Numbers, reference: Numbers, *, threshold: float | None = None, edge: Literal["rising", "falling"] = "rising"
-) -> Float[np.ndarray, "_"]:
-    """Instants at which a phase-reference channel crosses its threshold, interpolated linearly between samples.
-
-    A crossing counts once the channel has gone from clearly low to clearly high (``HYSTERESIS``), so that noise on
-    an edge does not count twice. On an edge shorter than a sample the error is up to half a sample, and the same at
-    every pulse where a revolution is a whole number of samples (2 kHz: 1500 and 2500 rpm): no scatter shows it then.
-
-    **Arguments:** ``time`` (sample) [s], rising; ``reference`` (sample) in any unit; ``threshold`` in that unit, by
-    default midway between the levels, where a pulse lasts at least 0.2 % of a revolution; ``edge`` that marks the
-    angle zero. **Returns** the instants [s], at least two. **Errors.** ``ValueError`` for a channel without two
-    levels, a threshold that it never crosses, fewer than two pulses, and arrays that do not fit together.
-    """
-    instants, columns = _record(time, np.reshape(np.asarray(reference, dtype=float), (-1, 1)), "reference")
-    channel = columns[:, 0]
-    level, low, high = _levels(channel, threshold)
-    middle = level
-    if edge == "falling":  # a rising one of the channel upside down
-        channel, middle, low, high = -channel, -level, -high, -low
-    state = np.where(channel >= middle + HYSTERESIS * (high - middle), 1, 0) - np.where(
-        channel <= middle - HYSTERESIS * (middle - low), 1, 0
-    )
-    clear = np.flatnonzero(state)
-    fired = clear[1:][(state[clear][:-1] < 0) & (state[clear][1:] > 0)]
-    if len(fired) < 2:
-        raise ValueError(
-            f"the reference channel has {len(fired)} {edge} edge(s) through {level:g}; a shaft angle needs at least "
-            "two pulses: "
-            "record more revolutions, or give a threshold within the pulses' height"
-        )
-    crossing = np.flatnonzero((channel[:-1] < middle) & (channel[1:] >= middle))
-    before = crossing[np.searchsorted(crossing, fired) - 1]
-    share = (middle - channel[before]) / (channel[before + 1] - channel[before])
-    return instants[before] + share * (instants[before + 1] - instants[before])
-
-
-def shaft_angle(time: Numbers, pulses: Numbers) -> Float[np.ndarray, "sample"]:
-    """Shaft angle at every sample: a cubic spline through (pulse k, 2π k), a straight line between only two.
-
-    Where the periods are so uneven that the spline turns back, a monotone cubic (Fritsch and Carlson 1980, SIAM J.
-    Numer. Anal. 17:238-246), less exact for a smoothly varying speed.
-
-    **Arguments:** ``time`` (sample) [s]; ``pulses`` instants of the phase reference [s], one per revolution.
-    **Returns** the angle [rad] from the first pulse, always rising; NaN before the first and after the last pulse.
-    **Errors.** ``ValueError`` for times that do not rise, and for missing or double pulses.
-    """
-    instants = _rising(time, "time")
-    marks = _regular(pulses)
-    turns = TURN * np.arange(len(marks))
-    spline = CubicSpline(marks, turns, extrapolate=False)
-    if len(spline.derivative().roots(extrapolate=False)):
-        spline = PchipInterpolator(marks, turns, extrapolate=False)
-    return spline(instants)
-
-
 def vectors_from_waveform(
     time: Numbers,
     displacement: Numbers,
@@ -150,6 +82,7 @@ def vectors_from_waveform(
     *,
     orders: Sequence[float] = (1.0,),
     drift: int = 1,
+    changing: int = 0,
     pulse_error: float | None = None,
 ) -> WaveformVectors:
     """Vibration vectors z_n by least squares over the whole revolutions of a record.
@@ -164,54 +97,73 @@ def vectors_from_waveform(
     those outside the record are left out; ``orders`` to fit: name 2.0 too where a 2X is large, because record ends
     that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial. One
     is good for a dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a
-    quadratic one only 1/(π n N)²; ``pulse_error`` standard error common to all pulses [s], for edges shorter
-    than a sample at most one sample / √12, and just that by default where the pulses fall at the same place between
-    samples in every revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``,
-    with place and cure, for samples not finite, shapes that do not match, time or pulses not rising, missing or double
-    pulses, fewer than two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026,
-    section 2.3.
+    quadratic one only 1/(π n N)²; ``changing`` degree of the vectors' change over the record, 0 for a dwell;
+    ``pulse_error`` standard error common to all pulses [s], for edges shorter than a sample at most one sample / √12,
+    by default what the places of the pulses between samples tell: just that where they are the same in every
+    revolution; 0 for pulses known exactly. **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and
+    cure, for samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer
+    than two whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
     """
-    instants, waves = _record(time, displacement, "displacement")
-    marks = _within(_regular(pulses), instants)
+    instants, waves = record_of(time, displacement, "displacement")
+    marks = _within(regular(pulses), instants)
     count = len(marks) - 1
     used = (instants >= marks[0]) & (instants < marks[-1])
-    _check_orders(orders, drift, revolutions=count, samples=int(used.sum()))
+    _check_orders(orders, drift, changing, revolutions=count, samples=int(used.sum()))
     angle = np.where(used, shaft_angle(instants, marks), np.nan)
-    design = _design(angle[used], instants[used], orders, drift)
+    design = _design(angle[used], instants[used], orders, drift, changing)
     solution = np.linalg.lstsq(design, waves[used])[0]
     residual = np.full(waves.shape, np.nan)
     residual[used] = left = waves[used] - design @ solution
     turning = np.asarray(orders, dtype=float)
     parts = solution[: 2 * len(turning)].reshape(len(turning), 2, -1)
-    covariance, pairs = _scatter(left, design, angle[used], turning, count)
+    covariance, pairs = _scatter(left, design, angle[used], turning, count, changing)
+    level = 2 * len(turning) * (1 + changing)
     vectors = (parts[:, 0] - 1j * parts[:, 1]).T
     speed = TURN * count / (marks[-1] - marks[0])
     # A pulse late by τ turns z by n Ω τ.
     common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
     turned = 1j * turning[:, None] * speed * common_error * vectors.T
     common = numpy_pair(turned).reshape(len(turning), -1)
-    span = [marks[0], marks[-1]]
-    trend = np.polynomial.Polynomial.fit(marks, np.arange(count + 1.0), 2, domain=span, window=[0.0, 1.0]).coef[2]
     return WaveformVectors(
         vectors, covariance + common[:, :, None] * common[:, None, :], pairs,
-        float(speed / RPM), float(2.0 * trend / count), count, angle, residual,
+        float(speed / RPM), _speed_change(marks), count, angle, residual,
+        solution[level], _constant_error(left, design, angle[used], turning, count, level),
     )  # fmt: skip
 
 
+def _speed_change(marks: Float[np.ndarray, "_"]) -> float:
+    """Change of a linear trend of the speed from first to last pulse, relative to the mean."""
+    turns, span = np.arange(float(len(marks))), [marks[0], marks[-1]]
+    trend = np.polynomial.Polynomial.fit(marks, turns, 2, domain=span, window=[0.0, 1.0]).coef[2]
+    return float(2.0 * trend / turns[-1])
+
+
 def _scatter(
-    left: np.ndarray, design: np.ndarray, angle: np.ndarray, orders: np.ndarray, count: int
+    left: np.ndarray, design: np.ndarray, angle: np.ndarray, orders: np.ndarray, count: int, changing: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance of each order's vectors by what is left beside it, and from how many pairs of sidebands."""
     covariance, pairs = [], []
     for k, order in enumerate(orders):
-        near = _sidebands(order, orders, count)
+        near = _sidebands(order, orders, count, changing + 1)
         pairs.append(len(near))
         if len(near):
-            covariance.append(_scatter_of_sidebands(left, angle, order, near / count))
+            covariance.append(_scatter_of_sidebands(left, angle, order, near, count))
         else:
             step = order * TURN * count / len(left)
             covariance.append(_variance_of_residual(left, design, slice(2 * k, 2 * k + 2), step))
     return np.array(covariance), np.array(pairs)
+
+
+def _constant_error(
+    left: np.ndarray, design: np.ndarray, angle: np.ndarray, orders: np.ndarray, count: int, level: int
+) -> Float[np.ndarray, "probe"]:
+    """Standard error of the mean: half a Fourier coefficient near order 0 scatters as the mean does."""
+    # The drift takes the slowest with it.
+    near = _sidebands(0.0, orders, count, design.shape[1] - level)
+    if len(near):
+        both = _scatter_of_sidebands(left, angle, 0.0, near, count)
+        return 0.5 * np.sqrt(np.diagonal(both).reshape(-1, 2).sum(axis=1))
+    return np.sqrt(np.diagonal(_variance_of_residual(left, design, slice(level, level + 1), 0.0))[::2])
 
 
 def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
@@ -247,109 +199,30 @@ def fold(angle: Numbers, displacement: Numbers, bins: int = 72) -> Folded:
     return Folded((np.arange(bins) + 0.5) * 360.0 / bins, mean, scatter, count)
 
 
-def _levels(channel: Float[np.ndarray, "sample"], threshold: float | None) -> tuple[float, float, float]:
-    """Threshold, low and high level, blind to single spikes."""
-    bottom, top = channel.min(), channel.max()
-    if bottom == top:
-        raise ValueError(
-            f"the reference channel is constant at {top:g}: check that the phase reference is connected and that this "
-            "is its channel"
-        )
-    if threshold is not None and not bottom < threshold < top:
-        raise ValueError(
-            f"the reference channel never crosses the threshold {threshold:g}, it stays from {bottom:g} to {top:g}: "
-            "give a threshold inside the pulses' height, or none"
-        )
-    middle = 0.5 * float(np.sum(np.quantile(channel, [TAIL, 1.0 - TAIL]))) if threshold is None else threshold
-    below, above = channel[channel <= middle], channel[channel > middle]
-    centres = np.median(below), np.median(above)
-    scatter = max(np.median(np.abs(below - centres[0])), np.median(np.abs(above - centres[1])))
-    if threshold is None and centres[1] - centres[0] < TWO_LEVELS * scatter:
-        raise ValueError(
-            "the reference channel shows noise and no two levels: check that the phase reference is connected; if its "
-            "pulses are there, give a threshold"
-        )
-    low, high = float(np.quantile(below, 1.0 - PLATEAU)), float(np.quantile(above, PLATEAU))
-    return (0.5 * (low + high) if threshold is None else threshold), low, high
-
-
-def _rising(values: Numbers, name: str) -> Float[np.ndarray, "sample"]:
-    """One-dimensional, finite and rising, or a refusal that says where not."""
-    array = np.asarray(values, dtype=float)
-    if array.ndim != 1 or len(array) < 2:
-        raise ValueError(
-            f"{name} must be a list of at least two instants [s]; it has shape {array.shape}: give one column"
-        )
-    if not np.all(np.isfinite(array)):
-        raise ValueError(
-            f"{name} must be finite; entry {np.flatnonzero(~np.isfinite(array))[0]} is not: "
-            "leave the broken samples out"
-        )
-    fall = np.flatnonzero(np.diff(array) <= 0.0)
-    if len(fall):
-        raise ValueError(
-            f"{name} must rise; entry {fall[0] + 1} = {array[fall[0] + 1]:.6g} s does not: sort the record, or join "
-            "parts with their true times"
-        )
-    return array
-
-
-def _record(
-    time: Numbers, columns: Numbers, name: str
-) -> tuple[Float[np.ndarray, "sample"], Float[np.ndarray, "sample probe"]]:
-    """Times and channels that belong together, or a refusal."""
-    instants, waves = _rising(time, "time"), np.asarray(columns, dtype=float)
-    if waves.ndim != 2 or waves.shape[0] != len(instants):
-        raise ValueError(
-            f"{name} must have one row per sample; it has shape {waves.shape} beside {len(instants)} times: "
-            "take both from one record, transpose it, or write displacement[:, None] for a single probe"
-        )
-    broken = np.argwhere(~np.isfinite(waves))
-    if len(broken):
-        row, column = broken[0]
-        raise ValueError(
-            f"{name} must be finite; column {column} is not at t = {instants[row]:.6g} s: cut the record there or "
-            "leave these samples out"
-        )
-    return instants, waves
-
-
-def _regular(pulses: Numbers) -> Float[np.ndarray, "_"]:
-    """Pulses one per revolution, or a refusal that says where one is missing or double."""
-    marks = _rising(pulses, "pulses")
-    period = np.diff(marks)
-    # Against the neighbours, so that a slow run-up passes; a mirror, because repeating the end would let a broken end
-    # judge itself.
-    usual = median_filter(period, size=5, mode="mirror") if len(period) > 2 else np.full(len(period), period.min())
-    ratio = period / usual
-    long, short = np.flatnonzero(ratio > IRREGULAR), np.flatnonzero(ratio < 1.0 / IRREGULAR)
-    if len(short) and (not len(long) or short[0] < long[0]):
-        k = short[0]
-        raise ValueError(
-            f"pulses must come once per revolution; a double pulse near t = {marks[k + 1]:.6g} s ends a revolution of "
-            f"{ratio[k]:.2g} times the usual "
-            f"{usual[k]:.4g} s: leave that pulse out, or raise the threshold"
-        )
-    if len(long):
-        k = long[0]
-        raise ValueError(
-            f"pulses must come once per revolution; missing pulse at t = {marks[k] + usual[k]:.6g} s, a revolution "
-            f"lasts {ratio[k]:.2g} times the usual "
-            f"{usual[k]:.4g} s: cut the record there, or lower the threshold; a mark that passes in less than a sample "
-            "needs a faster sampling or a wider mark"
-        )
-    return marks
-
-
 def _common_pulse_error(marks: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> float:
-    """One sample / √12 where the pulses fall at the same place between samples every time [s], else nothing.
-
-    A hard edge is known to a sample; only where its place among the samples changes from turn to turn does that show as
-    scatter.
+    """Standard error of the mean of the pulses [s] where edges are shorter than a sample: one sample / √12 for each,
+    less for their mean where places differ. How short edges are is seen from the pulses as they were found: those of
+    short edges all stand at one place between samples, the middle.
     """
-    step = float(np.median(np.diff(time)))
-    alike = abs(np.mean(np.exp(2j * np.pi * marks / step)))
-    return step / np.sqrt(12.0) if alike > SAME_PLACE else 0.0
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    short = float(np.abs(np.mean(np.exp(2j * np.pi * marks / step))))
+    return step / np.sqrt(12.0) * short * common_share(marks, step)
+
+
+def common_share(marks: Float[np.ndarray, "_"], step: float) -> float:
+    """Standard error of the mean of the pulses over that of one of them, for errors that depend on where between two
+    samples a pulse falls.
+
+    A short edge is put in the middle of its sample, wherever in it it was: late by (1/2 - x) steps for a place x from 0
+    to 1, a sawtooth of Fourier coefficients 1/(2πm). Its mean over the pulses is Σ_m |R_m|² / (2π²m²) in mean square,
+    R_m = mean of e^{2πi m x} over places x that a smoothly turning shaft has: 1/12 where all are alike, as with a whole
+    number of samples per revolution; little where the places change.
+    """
+    count = np.linspace(-1.0, 1.0, len(marks))
+    smooth = np.polynomial.Polynomial.fit(count, marks, min(2, len(marks) - 1))(count)
+    harmonic = np.arange(1, MOST_HARMONICS + 1)
+    alike = np.abs(np.mean(np.exp(2j * np.pi * harmonic[:, None] * smooth / step), axis=1))
+    return float(np.sqrt(np.sum((alike / harmonic) ** 2) / np.sum(1.0 / harmonic**2)))
 
 
 def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -> Float[np.ndarray, "_"]:
@@ -366,7 +239,7 @@ def _within(pulses: Float[np.ndarray, "_"], time: Float[np.ndarray, "sample"]) -
     return marks
 
 
-def _check_orders(orders: Sequence[float], drift: int, *, revolutions: int, samples: int) -> None:
+def _check_orders(orders: Sequence[float], drift: int, changing: int, *, revolutions: int, samples: int) -> None:
     """Refuse what the record cannot resolve."""
     known = np.sort(np.asarray(orders, dtype=float))
     if known.ndim != 1 or not len(known) or not np.all(np.isfinite(known)) or known[0] <= 0.0:
@@ -394,7 +267,7 @@ def _check_orders(orders: Sequence[float], drift: int, *, revolutions: int, samp
             f"order {known[-1]:g} needs more than {2.0 * known[-1]:g} samples per revolution; the record has "
             f"{each:.4g}: sample faster, or leave it out"
         )
-    unknowns = 2 * len(known) + drift + 1
+    unknowns = 2 * len(known) * (1 + changing) + drift + 1
     if samples <= unknowns:
         raise ValueError(
             f"{unknowns} unknowns need more than the {samples} samples of the whole revolutions: record longer, or fit "
@@ -403,18 +276,29 @@ def _check_orders(orders: Sequence[float], drift: int, *, revolutions: int, samp
 
 
 def _design(
-    angle: Float[np.ndarray, "sample"], time: Float[np.ndarray, "sample"], orders: Sequence[float], drift: int
+    angle: Float[np.ndarray, "sample"],
+    time: Float[np.ndarray, "sample"],
+    orders: Sequence[float],
+    drift: int,
+    changing: int,
 ) -> Float[np.ndarray, "sample _"]:
-    """Columns cos and sin of each order, then Legendre polynomials of time over the record."""
+    """Columns cos and sin of each order, the same times powers of time from the middle of the record up to
+    ``changing``, then Legendre polynomials of time over the record.
+    """
     phase = np.asarray(orders, dtype=float) * angle[:, None]
     scaled = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
     waves = np.stack([np.cos(phase), np.sin(phase)], axis=-1).reshape(len(angle), -1)
-    return np.concatenate([waves, np.polynomial.legendre.legvander(scaled, drift)], axis=1)
+    powers = [waves * scaled[:, None] ** k for k in range(1, changing + 1)]
+    return np.concatenate([waves, *powers, np.polynomial.legendre.legvander(scaled, drift)], axis=1)
 
 
-def _sidebands(order: float, orders: Float[np.ndarray, "order"], revolutions: int) -> Int[np.ndarray, "_"]:
-    """Offsets k of the sidebands order ± k / revolutions that hold noise alone; none where they are too few."""
-    offsets = np.arange(1, int(BAND * min(order, 1.0) * revolutions) + 1)
+def _sidebands(
+    order: float, orders: Float[np.ndarray, "order"], revolutions: int, first: int = 1
+) -> Int[np.ndarray, "_"]:
+    """Offsets k of the sidebands order ± k / revolutions that hold noise alone, from the ``first`` that the fit leaves;
+    none where they are too few.
+    """
+    offsets = np.arange(first, int(BAND * (min(order, 1.0) or 1.0) * revolutions) + 1)
     # A harmonic that was not fitted is no noise either.
     others = np.concatenate([orders, np.arange(np.ceil(order) + 2.0)])
     others = others[np.abs(others - order) * revolutions > 0.5]
@@ -428,7 +312,8 @@ def _scatter_of_sidebands(
     residual: Float[np.ndarray, "sample probe"],
     angle: Float[np.ndarray, "sample"],
     order: float,
-    offsets: Float[np.ndarray, "_"],
+    offsets: Int[np.ndarray, "_"],
+    revolutions: int,
 ) -> Float[np.ndarray, "2*probe 2*probe"]:
     """Covariance of (Re z, Im z) of every probe from the residual's Fourier coefficients beside the order.
 
@@ -438,9 +323,16 @@ def _scatter_of_sidebands(
     does, without the leak of low frequencies into short blocks. With b(φ) e^{i n φ} the residual, c_k the
     coefficient of b: those of Re b and Im b are (c_k + c̄_-k)/2 and (c_k - c̄_-k)/2i.
     """
-    upper, lower = (
-        2.0 / len(angle) * np.exp(-1j * np.outer(order + side * offsets, angle)) @ residual for side in (1.0, -1.0)
-    )
+    moved = residual.T * np.exp(-1j * order * angle)
+    # One exponential and its powers: an exponential for each sideband took most of the time of a long record.
+    turn = np.exp(-1j / revolutions * angle)
+    power, reached = np.ones_like(turn), 0
+    upper, lower = np.empty((2, len(offsets), len(moved)), dtype=complex)
+    for row, k in enumerate(offsets.tolist()):
+        power *= turn if k == reached + 1 else turn ** (k - reached)
+        reached = k
+        upper[row] = 2.0 / len(angle) * (moved @ power)
+        lower[row] = 2.0 / len(angle) * (moved @ power.conj())
     parts = np.stack([0.5 * (upper + lower.conj()), -0.5j * (upper - lower.conj())], axis=-1).reshape(len(offsets), -1)
     freedoms = 2 * len(offsets)
     # The variance of Student's t: an error in units of an estimated standard error scatters by more than one.

@@ -36,14 +36,7 @@ def plan_speeds(rig: Rig, speeds: str, orders: str) -> Measurement:
     if count > MOST_SPEEDS:
         raise InputError(f"--speeds {speeds}: {count} speeds are too many; give at most {MOST_SPEEDS}")
     grid = np.linspace(low, high, int(count))
-    try:
-        numbers = [float(order) for order in orders.split(",")]
-        if not all(np.isfinite(numbers)) or min(numbers) < 0.0:
-            raise ValueError(orders)
-    except ValueError as error:
-        raise InputError(f"--orders {orders}: write numbers separated by commas, like 1,2") from error
-    if max(numbers) > HIGHEST_ORDER:
-        raise InputError(f"--orders {orders}: no order is above {HIGHEST_ORDER:g}; give multiples of the speed")
+    numbers = orders_of(orders)
     if not rig.runs:
         raise InputError(f"{rig.path}: no runs to simulate; add [runs.baseline] with what is installed in it")
     probes = rig.model.layout.probes
@@ -55,6 +48,22 @@ def plan_speeds(rig: Rig, speeds: str, orders: str) -> Measurement:
         for order in numbers
     ]
     return arrange(rows, runs=rig.runs, probes=probes, knowledge=rig.knowledge)
+
+
+def orders_of(orders: str) -> tuple[float, ...]:
+    """Orders from ``1,2`` as the command line gives them.
+
+    **Errors.** `InputError` if they cannot be read.
+    """
+    try:
+        numbers = [float(order) for order in orders.split(",")]
+        if not all(np.isfinite(numbers)) or min(numbers) < 0.0:
+            raise ValueError(orders)
+    except ValueError as error:
+        raise InputError(f"--orders {orders}: write numbers separated by commas, like 1,2") from error
+    if max(numbers) > HIGHEST_ORDER:
+        raise InputError(f"--orders {orders}: no order is above {HIGHEST_ORDER:g}; give multiples of the speed")
+    return tuple(numbers)
 
 
 def noisy(model: Model, plan: Measurement, *, noise_um: float, seed: int) -> Measurement:

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorjax.data import signals
+from rotorjax.data.pulses import shaft_angle
 from rotorjax.diagnosis.compensation import value_errors
 from rotorjax.diagnosis.features import vectors_of
 from rotorjax.paper.printed import SPEEDS
@@ -70,7 +71,7 @@ def simulated_record(study: Study, *, seed: int = 0) -> tuple[np.ndarray, np.nda
 def figure_07(study: Study) -> Figure:
     """A record, and its phase picture."""
     time, displacement, pulses = simulated_record(study)
-    folded = signals.fold(signals.shaft_angle(time, pulses), displacement)
+    folded = signals.fold(shaft_angle(time, pulses), displacement)
     drawn, (left, right) = plots.figure(10.5, 3.6, 1, 2)
     shown = time < 0.13
     plots.waveform(left, time[shown], displacement[shown], pulses)

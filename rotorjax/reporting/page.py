@@ -1,8 +1,9 @@
 """The HTML report: one file that needs no network and no script."""
 
 import base64
+from collections.abc import Mapping
 from importlib.resources import files
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jinja2
 
@@ -62,7 +63,12 @@ class Page(NamedTuple):
 
 
 def html_report(page: Page) -> str:
-    """A report as one HTML file that needs no network. All text is escaped, control characters are written out."""
+    """A report as one HTML file that needs no network."""
+    return rendered("report.html", page._asdict())
+
+
+def rendered(template: str, content: Mapping[str, Any]) -> str:
+    """A page from one of the templates. All text is escaped, control characters are written out."""
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -72,7 +78,5 @@ def html_report(page: Page) -> str:
     )
     environment.tests["numeric"] = is_number
     environment.filters["plain"] = plain_name
-    template = environment.from_string(
-        files("rotorjax").joinpath("reporting/templates/report.html").read_text(encoding="utf-8")
-    )
-    return template.render(page._asdict())
+    source = files("rotorjax").joinpath(f"reporting/templates/{template}").read_text(encoding="utf-8")
+    return environment.from_string(source).render(content)

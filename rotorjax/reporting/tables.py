@@ -163,3 +163,10 @@ def number(value: float | None, digits: int = 3) -> str:
         return "-"
     text = f"{value:#.{digits}g}"
     return f"{value:.0f}" if "e+" in text and abs(value) < 1e7 else text.rstrip(".")
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit in which people would say it."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

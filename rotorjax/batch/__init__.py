@@ -1,0 +1,1 @@
+"""Many independent cases on one machine or many: run, kept as they finish, gone on with after a stop."""

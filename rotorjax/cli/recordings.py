@@ -1,0 +1,77 @@
+"""Recordings in time on the command line: to a table, or straight to an explanation."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotorjax.cli.arguments import check_outputs
+from rotorjax.cli.progress import progress_line
+from rotorjax.cli.terminal import complain, say, terminal_width
+from rotorjax.errors import InputError
+
+if TYPE_CHECKING:
+    from rotorjax.data.measurement import Measurement
+    from rotorjax.data.record_scan import Progress
+    from rotorjax.data.rig import Rig
+
+
+def vectors(options: argparse.Namespace) -> None:
+    """Recordings to a measurement table."""
+    if options.rig is None:
+        if len(options.files) != 1:
+            raise InputError("name the rig file alone, or recordings and the rig file with --rig RIG.toml")
+        options.rig, options.files = options.files[0], []
+    check_outputs(options)
+    rate = options.sample_rate
+    if rate is not None and not 0.0 < rate < float("inf"):
+        raise InputError(f"--sample-rate {rate}: must be a number of samples per second, above zero")
+    from rotorjax.data.record_vectors import read_recordings
+    from rotorjax.data.rig import read_rig
+    from rotorjax.data.simulate import orders_of
+    from rotorjax.data.table import write_table
+    from rotorjax.reporting.recordings import recordings_text
+
+    orders = orders_of(options.orders) if options.orders else None
+    with progress_line() as progress:
+        rig = read_rig(options.rig)
+        records = read_recordings(rig, options.files, orders=orders, sample_rate_hz=rate, progress=progress)
+    _tell([*records.all_notes, *rig.notes])
+    rows = [rig.convention.to_table(row) for row in records.rows()]
+    write_table(options.output, rows)
+    say(recordings_text(records, width=terminal_width()))
+    say(f"\n{len(rows)} vectors of {len(records.records)} recordings written to {options.output}")
+
+
+def table_or_recordings(options: argparse.Namespace) -> Path:
+    """What measured vectors come from: the table, or the rig file that names recordings; then that is the rig file.
+
+    **Errors.** `InputError` for both, or half of either.
+    """
+    if options.recordings is None:
+        if options.data is None or options.rig is None:
+            raise InputError(
+                "give a table and its rig file, DATA.csv --rig RIG.toml, or recordings in time, --recordings RIG.toml"
+            )
+        return options.data
+    if options.data is not None or options.rig is not None:
+        raise InputError("--recordings RIG.toml takes the place of DATA.csv --rig RIG.toml: leave one of the two out")
+    options.rig = options.recordings
+    return options.recordings
+
+
+def read_recorded(options: argparse.Namespace, progress: "Progress") -> "tuple[Rig, Measurement]":
+    """A rig file and the vectors of its recordings."""
+    from rotorjax.data.record_vectors import read_recordings
+    from rotorjax.data.rig import read_rig
+
+    rig = read_rig(options.recordings)
+    records = read_recordings(rig, progress=progress)
+    measurement = records.measurement(rig)
+    _tell([*records.all_notes, *measurement.notes])
+    return rig, measurement
+
+
+def _tell(notes: list[str]) -> None:
+    """Notes on standard error."""
+    for note in notes:
+        complain(f"note: {note}")
