@@ -39,6 +39,7 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python benchmarks/dataset.py
 	$(BIN)/python benchmarks/training.py
+	$(BIN)/python benchmarks/batch.py
 	$(BIN)/python benchmarks/hidden_forces.py --output benchmarks/results
 	$(BIN)/python benchmarks/half_orders.py
 	$(BIN)/python benchmarks/contact.py

@@ -21,8 +21,6 @@ from timing import timed
 from verdicts import summary, write_page
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from drawn_slips import draw_with_mistake
-
 from rotorjax import explain
 from rotorjax.batch.case import Case
 from rotorjax.batch.pool import Processes, processors
@@ -34,6 +32,7 @@ from rotorjax.discovery.ties import Alternative
 from rotorjax.reporting.tables import number
 
 from drawn_effects import Hidden, draw
+from drawn_slips import draw_with_mistake
 
 ROOT = Path(__file__).resolve().parent.parent
 ABOUT = """One effect of the catalogue or two, or none, drawn by seed with machine, plan, noise and what is poor about

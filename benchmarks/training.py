@@ -145,7 +145,7 @@ def rotorjax_method(method, cases: Cases, recorder: Recorder) -> tuple[Predict, 
     import jax  # noqa: PLC0415
     import jax.numpy as jnp  # noqa: PLC0415
 
-    from rotorjax.diagnosis.training import Scaled  # noqa: PLC0415
+    from rotorjax.diagnosis.evidence_steps import Scaled  # noqa: PLC0415
 
     data = Scaled(jnp.asarray(cases.x), jnp.asarray(cases.t))
     perceptron, _, stopped = method.fit(data, HIDDEN, jax.random.key(SEED), lambda epoch, rms: recorder(rms))

@@ -23,9 +23,10 @@ from rotorjax import Jeffcott
 from rotorjax.data.files import write_whole
 from rotorjax.diagnosis.conditioned import ConditionedNetwork, train_conditioned
 from rotorjax.diagnosis.dataset import sample_faults
+from rotorjax.diagnosis.evidence_steps import Scaled
 from rotorjax.diagnosis.features import FaultValues, components, feature_map, inverse_map
 from rotorjax.diagnosis.network import Range
-from rotorjax.diagnosis.training import BayesianRegularisation, Scaled
+from rotorjax.diagnosis.training import BayesianRegularisation
 from rotorjax.reporting.tables import Table, number
 
 UNITS = np.array([1e-6, 1e-6, 1e-3, 1e-3])

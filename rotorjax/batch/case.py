@@ -7,6 +7,8 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from rotorjax.data.names import harmless
+
 Function = Callable[[Any], dict[str, Any]]
 """What is done with each case: payload -> flat row. A function of a module, so that another process finds it."""
 
@@ -56,7 +58,7 @@ def attempt(function: Function, name: str, payload: Any) -> Outcome:
     """Do one case. What the function raises is its outcome, so that one case never ends a run."""
     began = time.monotonic()
     try:
-        row, failure = json.dumps(function(payload), allow_nan=False, ensure_ascii=False), None
+        row, failure = json.dumps(function(payload), allow_nan=False), None
     except Exception as error:  # whatever it is, the other cases go on
         row, failure = None, _told(error)
     return Outcome(name, row, failure, time.monotonic() - began)
@@ -65,4 +67,5 @@ def attempt(function: Function, name: str, payload: Any) -> Outcome:
 def _told(error: Exception) -> str:
     """An exception that nobody foresaw in one line, with the place that raised it."""
     last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno}, in {last.name})"
+    told = f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno}, in {last.name})"
+    return harmless(told)

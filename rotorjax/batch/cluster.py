@@ -36,7 +36,8 @@ class Cluster:
                 f"--cluster {address}: no scheduler answers ({error}); start one with 'dask scheduler', and give the "
                 "address that it prints, tcp://host:8786"
             ) from error
-        self.workers = sum(self._client.nthreads().values())
+        threads: Any = self._client.nthreads()
+        self.workers = sum(threads.values())
         if not self.workers:
             self._client.close()
             raise InputError(

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from rotorjax.compilation import spare_memory_maps, use_double_precision
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import harmless
 from rotorjax.data.rig import Rig, read_rig
 from rotorjax.data.table import read_table
 from rotorjax.discovery.explain import explain
@@ -88,11 +89,11 @@ class Task(NamedTuple):
 def explain_case(task: Task) -> dict[str, Any]:
     """The row of one case: what was found, or under ``failure`` the message that `explain` has for bad input."""
     use_double_precision()
-    row: dict[str, Any] = {"data": str(task.data), "rig": None if task.rig is None else str(task.rig)}
+    row: dict[str, Any] = {"data": _path(task.data), "rig": _path(task.rig)}
     try:
         return {**row, **_explained(task)}
     except InputError as error:
-        return {**row, "failure": "\n".join(error.shown())}
+        return {**row, "failure": harmless("\n".join(error.shown()))}
     finally:
         spare_memory_maps()
 
@@ -117,8 +118,13 @@ def _explained(task: Task) -> dict[str, Any]:
     )
     if task.report:
         _write_report(task.report, found, rig, f"{task.data.name}: what {task.rig.name} lacks")
-    report = None if task.report is None else str(task.report)
-    return {**row_of(found, rig), "notes": [*table.notes, *measurement.notes], "report": report}
+    told = [harmless(note) for note in (*table.notes, *measurement.notes)]
+    return {**row_of(found, rig), "notes": told, "report": _path(task.report)}
+
+
+def _path(path: Path | None) -> str | None:
+    """A path as text; what is no character of it, as some file systems have, is written out."""
+    return None if path is None else harmless(str(path))
 
 
 def _write_report(path: Path, found: Explanation, rig: Rig, title: str) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rotorjax.data.files import read_text
+from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
 RIG = "rig.toml"
@@ -20,6 +21,7 @@ class Pair(NamedTuple):
     """A table and its rig file."""
 
     name: str
+    """Without control characters."""
     data: Path
     rig: Path | None
     """None where a folder has none."""
@@ -57,7 +59,7 @@ def _in_folder(folder: Path, written: Collection[Path]) -> list[Pair]:
             continue
         candidates = (data.with_suffix(".toml"), data.parent / RIG)
         rig = next((path for path in candidates if path.is_file()), None)
-        found.append(Pair(within.as_posix(), data, rig))
+        found.append(Pair(harmless(within.as_posix()), data, rig))
     if not found:
         raise InputError(
             f"{folder}: no table in it; put there pairs a.csv and a.toml, or tables beside one {RIG}, or give a list"
@@ -86,7 +88,7 @@ def _in_list(path: Path) -> list[Pair]:
             column = "data" if not data else "rig"
             problems.append(f"{path}:{reader.line_num}: column {column!r} is empty; give the path of a file")
             continue
-        found.append(Pair(name or data, path.parent / data, path.parent / rig))
+        found.append(Pair(harmless(name or data), path.parent / data, path.parent / rig))
     twice = [name for name, count in Counter(pair.name for pair in found).items() if count > 1]
     problems += [
         f"{path}: {name!r} is listed {Counter(pair.name for pair in found)[name]} times; keep one, or tell them apart "

@@ -51,24 +51,28 @@ class Processes:
         under_way: dict[Future[Outcome], _UnderWay] = {}
         with _lanes(min(self.workers, len(cases))) as lanes:
             free = deque(range(len(lanes)))
-            while waiting or under_way:
+
+            def begin() -> None:
                 while waiting and free:
                     lane, (case, trial) = free.popleft(), waiting.popleft()
-                    future = lanes.submit(lane, function, case)
-                    under_way[future] = _UnderWay(lane, case, trial)
+                    under_way[lanes.submit(lane, function, case)] = _UnderWay(lane, case, trial)
+
+            begin()
+            while under_way:
                 ended, _ = wait(under_way, return_when=FIRST_COMPLETED)
                 for future in ended:
                     lane, case, trial = under_way.pop(future)
                     free.append(lane)
-                    if isinstance(future.exception(), BrokenProcessPool):
+                    died = isinstance(future.exception(), BrokenProcessPool)
+                    if died:
                         lanes.renew(lane)
-                        if trial < TRIALS:
-                            waiting.appendleft((case, trial + 1))
-                            continue
-                    if waiting:
-                        lane, (following, trial) = free.popleft(), waiting.popleft()
-                        under_way[lanes.submit(lane, function, following)] = _UnderWay(lane, following, trial)
-                    yield _outcome(future, case)
+                    again = died and trial < TRIALS
+                    if again:
+                        waiting.appendleft((case, trial + 1))
+                    # Before the outcome is given out, so that no worker waits until it is kept.
+                    begin()
+                    if not again:
+                        yield _outcome(future, case)
 
 
 def _outcome(future: Future[Outcome], case: Case) -> Outcome:
@@ -97,11 +101,12 @@ class _Lanes:
 
     def submit(self, lane: int, function: Function, case: Case) -> Future[Outcome]:
         """Begin a case; where the worker died while it had nothing to do, in a new one."""
-        try:
-            return self._pools[lane].submit(attempt, function, case.name, case.payload)
-        except BrokenProcessPool:
-            self.renew(lane)
-            return self._pools[lane].submit(attempt, function, case.name, case.payload)
+        with _interrupt_held():
+            try:
+                return self._pools[lane].submit(attempt, function, case.name, case.payload)
+            except BrokenProcessPool:
+                self.renew(lane)
+                return self._pools[lane].submit(attempt, function, case.name, case.payload)
 
     def renew(self, lane: int) -> None:
         """A new worker in the place of one that died."""
@@ -150,8 +155,23 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
+@contextlib.contextmanager
+def _interrupt_held() -> Iterator[None]:
+    """A process that is started meanwhile sees no Ctrl-C, from its first moment on; this one sees it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin_worker(lifeline: Connection) -> None:
-    """In a worker: Ctrl-C is the parent's, and when the parent lets go of its end, or is gone, so is the worker."""
+    """In a worker: Ctrl-C is the parent's, where it could not be held, and when the parent lets go of its end, or is
+    gone, so is the worker.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def wait_for_end() -> None:

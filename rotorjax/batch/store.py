@@ -37,17 +37,12 @@ class Store:
         self._columns = tuple(columns)
         try:
             self._connection = sqlite3.connect(path, timeout=0.2, isolation_level=None)
-            self._connection.execute("BEGIN IMMEDIATE")
         except sqlite3.Error as error:
             raise self._refusal(error) from error
-        wanted = {key: json.dumps(value, sort_keys=True) for key, value in configuration.items()}
         try:
-            there = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master")}
-            if not there:
-                self._create(wanted)
-            else:
-                self._compare(there, wanted)
+            self._connection.execute("BEGIN IMMEDIATE")
             self._connection.execute(f"PRAGMA busy_timeout = {1000 * PATIENCE_S:.0f}")
+            self._begin({key: json.dumps(value, sort_keys=True) for key, value in configuration.items()})
         except (sqlite3.Error, InputError) as error:
             self._connection.close()
             raise self._refusal(error) if isinstance(error, sqlite3.Error) else error from error
@@ -102,10 +97,17 @@ class Store:
         self._connection.execute("COMMIT")
         self._connection.execute("BEGIN IMMEDIATE")
 
-    def _create(self, configuration: Mapping[str, str]) -> None:
-        for table in (*_TABLES, self._view()):
-            self._connection.execute(table)
-        self._connection.executemany("INSERT INTO run VALUES (?, ?)", list(configuration.items()))
+    def _begin(self, configuration: Mapping[str, str]) -> None:
+        """Make what a new file holds, or see that the file is of this run."""
+        there = {name for (name,) in self._connection.execute("SELECT name FROM sqlite_master")}
+        if there:
+            self._compare(there, configuration)
+        else:
+            for table in _TABLES:
+                self._connection.execute(table)
+            self._connection.executemany("INSERT INTO run VALUES (?, ?)", list(configuration.items()))
+        self._connection.execute("DROP VIEW IF EXISTS results")
+        self._connection.execute(self._view())
         self._commit()
 
     def _view(self) -> str:

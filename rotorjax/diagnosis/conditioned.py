@@ -23,9 +23,10 @@ from jaxtyping import Bool, Complex, Float, Key
 
 from rotorjax.arrays import AnyArray, Numbers, require_float64
 from rotorjax.diagnosis.compensation import LinearInverse
+from rotorjax.diagnosis.evidence_steps import Scaled
 from rotorjax.diagnosis.features import checked_features, fault_features, inverse_map
 from rotorjax.diagnosis.network import Format, Parts, Perceptron, Range, read_parts, write_parts
-from rotorjax.diagnosis.training import Scaled, output_by_least_squares
+from rotorjax.diagnosis.training import output_by_least_squares
 from rotorjax.model.rotor import Jeffcott
 from rotorjax.units import RPM
 

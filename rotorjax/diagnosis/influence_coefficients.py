@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.diagnosis.fault import Fault
-from rotorjax.diagnosis.inverse import beyond_noise
+from rotorjax.diagnosis.least_squares import beyond_noise
 
 
 class InfluenceBalance(NamedTuple):

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
 from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
-from rotorjax.diagnosis.inverse import NEAR_PEAK
+from rotorjax.diagnosis.separability import NEAR_PEAK
 from rotorjax.discovery.contest import Contest
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import Noise

@@ -3,8 +3,9 @@
 import numpy as np
 
 from rotorjax.discovery.contest import Contest, Effects, Known, misfit_left
-from rotorjax.discovery.fit import Fit, Round, Stage, summarise
+from rotorjax.discovery.fit import Fit, summarise
 from rotorjax.discovery.held_out import HeldOut
+from rotorjax.discovery.inferred_noise import Round, Stage
 from rotorjax.discovery.race import race
 from rotorjax.discovery.search import (
     Selection,

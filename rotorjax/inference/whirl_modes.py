@@ -39,6 +39,8 @@ class WhirlModes(NamedTuple):
     """What each mode contributes to the motion of the disk under a unit unbalance, over Ω² [1/kg]."""
     spin: int
     """+1 for a shaft turning from x to y, else -1."""
+    shape: Complex[np.ndarray, "speed state dof"]
+    """Motion of the disk in each mode, of any size."""
 
     @property
     def whirls(self) -> Bool[np.ndarray, "speed state"]:
@@ -116,7 +118,7 @@ class RotorInTime:
         # At critical damping two modes are one, and their shapes cannot be told apart.
         part = (np.linalg.pinv(shape) @ force)[:, :, 0] / detuned
         shares = part[:, :, None] * np.swapaxes(shape[:, :2], 1, 2)
-        return WhirlModes(speed, eigenvalue + 0j, shares, self._spin)
+        return WhirlModes(speed, eigenvalue + 0j, shares, self._spin, np.swapaxes(shape[:, :2], 1, 2) + 0j)
 
     def unbalance_response(self, speed_rpm: Float[np.ndarray, "speed"]) -> Complex[np.ndarray, "speed dof"] | None:
         """Motion of the disk under a unit unbalance, over Ω² [1/kg]; none as above."""

@@ -11,7 +11,8 @@ from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
-from rotorjax.diagnosis.inverse import ENTANGLED, Diagnosis, RunDiagnosis
+from rotorjax.diagnosis.inverse import Diagnosis, RunDiagnosis
+from rotorjax.diagnosis.separability import ENTANGLED
 from rotorjax.discovery.fit import Fit
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.inference.estimates import NORMAL_QUANTILE

@@ -8,7 +8,9 @@ import numpy as np
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
-from rotorjax.diagnosis.inverse import MODEL_FAILS, Diagnosis, Fault, RunDiagnosis
+from rotorjax.diagnosis.fault import Fault
+from rotorjax.diagnosis.inverse import Diagnosis, RunDiagnosis
+from rotorjax.diagnosis.separability import MODEL_FAILS
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.reporting.balance import (
     balance_json,

@@ -23,6 +23,10 @@ PUBLIC = {
     "SteadyStates", "steady_states",
 }  # fmt: skip
 
+LONGER_FILES = {"plots.py": 482, "signals.py": 465}
+LONGER_FUNCTIONS = {"vectors_from_waveform": 53}
+"""Lines of those that are still to be brought down to 400 and 50."""
+
 
 def test_public_names():
     assert set(rotorjax.__all__) == PUBLIC
@@ -54,16 +58,17 @@ def test_imports_point_one_way():
 def test_files_stay_readable():
     for path in ROOT.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        assert len(text.splitlines()) <= 500, path
+        assert len(text.splitlines()) <= LONGER_FILES.get(path.name, 400), path
         for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef):
-                assert node.end_lineno - node.lineno < 55, f"{path.name}: {node.name}"
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = node.end_lineno - node.lineno + 1
+                assert lines <= LONGER_FUNCTIONS.get(node.name, 50), f"{path.name}: {node.name}"
 
 
 def test_matplotlib_and_printing_have_one_home():
     for path in ROOT.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        if path.name not in {"plots.py", "pictures.py", "figures.py"}:
+        if path.parent.name not in {"plots", "pictures"} and path.name != "figures.py":
             assert "matplotlib" not in text.replace("matplotlib figure", ""), path
         if "cli" not in path.relative_to(ROOT).parts:
             assert not any(isinstance(n, ast.Name) and n.id == "print" for n in ast.walk(ast.parse(text))), path

@@ -17,17 +17,8 @@ from scipy import stats
 
 from rotorjax import Jeffcott
 from rotorjax.diagnosis import dataset
-from rotorjax.diagnosis.dataset import (
-    Dataset,
-    FaultPrior,
-    Recipe,
-    make_dataset,
-    read_dataset,
-    sample_faults,
-    split,
-    stream,
-    with_noise,
-)
+from rotorjax.diagnosis.dataset import Dataset, FaultPrior, make_dataset, sample_faults, split, with_noise
+from rotorjax.diagnosis.dataset_files import Recipe, read_dataset, stream
 from rotorjax.diagnosis.features import fault_features, fault_values
 from rotorjax.errors import InputError
 from rotorjax.units import RPM
@@ -311,7 +302,7 @@ from pathlib import Path
 import jax
 jax.config.update("jax_enable_x64", True)
 from rotorjax import Jeffcott
-from rotorjax.diagnosis import dataset
+from rotorjax.diagnosis.dataset_files import Recipe, stream
 from rotorjax.units import RPM
 call, number, folder = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
 plain = getattr(os, call)
@@ -323,7 +314,7 @@ def deadly(*arguments):
     return plain(*arguments)
 setattr(os, call, deadly)
 rotor = Jeffcott(0.9686, [56538.0, 51282.0], [0.0050, 0.0047])
-dataset.stream(dataset.Recipe(rotor, 1500.0, 23, key=jax.random.key(7), chunk=5), folder)
+stream(Recipe(rotor, 1500.0, 23, key=jax.random.key(7), chunk=5), folder)
 """
 
 

@@ -11,18 +11,9 @@ from jax.flatten_util import ravel_pytree
 
 from rotorjax.diagnosis.compensation import LinearInverse
 from rotorjax.diagnosis.dataset import Dataset, make_dataset, split, with_noise
+from rotorjax.diagnosis.evidence_steps import Epoch, Scaled, normal_equations
 from rotorjax.diagnosis.network import Perceptron
-from rotorjax.diagnosis.training import (
-    BayesianRegularisation,
-    Epoch,
-    OptaxL2,
-    Scaled,
-    Whitened,
-    nguyen_widrow,
-    normal_equations,
-    rms_errors,
-    train,
-)
+from rotorjax.diagnosis.training import BayesianRegularisation, OptaxL2, Whitened, nguyen_widrow, rms_errors, train
 from rotorjax.paper.printed import printed
 
 SPEED_RPM, COUNT = 1500.0, 10_000

@@ -1,0 +1,130 @@
+"""A fit under the noise that it leaves: the table's, and the misfit that has to be added to it, inferred along.
+
+Fit and misfit alternate until the misfit allowed for is the one found. Sets of effects that race do so under one noise,
+that of their winner (`rotorjax.discovery.race.settle`).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
+
+from rotorjax.data.measurement import Measurement
+from rotorjax.inference.budget import Budget
+from rotorjax.inference.data import Data, declared_starts, make_data, residual_vectors
+from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.noise import LEAST_NOISE, MOST_ROUNDS, NO_NOISE, NOISE_FLOOR, SAME_MISFIT, Noise, misfit_of
+from rotorjax.inference.space import Space
+from rotorjax.model.model import Model
+
+
+class Stage(NamedTuple):
+    """What is fitted to what."""
+
+    space: Space
+    measurement: Measurement
+    names: tuple[str, ...]
+    free: Bool[np.ndarray, "param"]
+    keep: frozenset[str]
+    budget: Budget
+
+
+class Round(NamedTuple):
+    """One fit under one allowance for misfit, and the misfit that it found."""
+
+    allowance: float
+    data: Data
+    best: End
+    starts: list[Start]
+    """Where the descents ended: to go on from."""
+    misfit: float
+    first_cost: float
+    """Cost of the best fit under the allowance that the rounds began with, if its motions balance."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the misfit found is the one allowed for."""
+        return abs(self.misfit - self.allowance) <= SAME_MISFIT * self.allowance
+
+    @property
+    def minus_log_posterior(self) -> float:
+        """Up to a constant; the noise's own normalisation counts, so that allowances can be compared."""
+        weight = np.asarray(self.data.weight)
+        return self.best.cost - float(np.sum(np.log(weight[weight > 0.0])))
+
+
+class Ahead(NamedTuple):
+    """What other models reached on the same data."""
+
+    minus_log_posterior: float = math.inf
+    first_cost: float = math.inf
+    """As in `Round`, of rounds that begin with no allowance."""
+
+    def hopeless_cost(self, measurement: Measurement) -> float:
+        """Cost under the table's noise alone with which a fit does not go on; where that noise is a misfit, only the
+        ratio of costs counts.
+        """
+        if measurement.sigma is None:
+            return math.inf
+        numbers = max(1, np.count_nonzero(measurement.weights(0.0)))
+        return max(self.first_cost + HOPELESS, self.first_cost * math.exp(2.0 * HOPELESS / numbers))
+
+
+def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | None = None) -> list[Round]:
+    """A fit within the table's noise, or else some that start from it and from a wide allowance for misfit.
+
+    Where a model leaves a hundred standard errors, weighing the data by those would let them drag weakly determined
+    parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
+    equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
+    nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
+    What is behind other models by far ends there.
+    **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what other models reached.
+    """
+    measurement, ahead = stage.measurement, ahead or Ahead()
+    starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
+    most = max(measurement.rms, LEAST_NOISE)
+    floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
+    hopeless = ahead.hopeless_cost(measurement)
+    now = _settle(stage, floor, starts, hopeless)
+    # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
+    if now.settled and now.misfit == 0.0:
+        return [now]
+    wide = _settle(stage, most, starts)
+    if min(now.minus_log_posterior, wide.minus_log_posterior) > ahead.minus_log_posterior + HOPELESS:
+        return [now, wide]
+    return [now, wide, _settle(stage, floor, [Start.at(wide.best)], hopeless)]
+
+
+def likeliest(rounds: list[Round]) -> Round:
+    """The one whose cost is finite, with no misfit if there is one, by posterior density."""
+    return min(rounds, key=lambda one: (not math.isfinite(one.best.cost), one.misfit > 0.0, one.minus_log_posterior))
+
+
+def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float = math.inf) -> Round:
+    """Rounds until the allowance equals the misfit found. **Arguments:** ``hopeless``: cost with which the first of
+    them does not go on.
+    """
+    now = _round(stage, allowance, starts, stage.space.model, hopeless)
+    for _ in range(MOST_ROUNDS - 1):
+        if now.settled or not math.isfinite(now.best.cost):
+            break
+        now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(
+            first_cost=now.first_cost
+        )
+    return now
+
+
+def _round(stage: Stage, allowance: float, starts: list[Start], model: Model, hopeless: float = math.inf) -> Round:
+    data = make_data(stage.measurement, model, Noise(allowance))
+    every = np.ones((len(starts), len(stage.measurement.run)), bool)
+    ends = descend(stage.space, data, starts, stage.free, every, budget=stage.budget, hopeless=hopeless)
+    best = best_of(ends)
+    # Of many starts a few optima are left.
+    ended = [Start.at(end) for end in distinct_of(ends)]
+    ended = ended or [
+        Start.at(end) if math.isfinite(end.cost) else start for end, start in zip(ends, starts, strict=True)
+    ]
+    left = residual_vectors(best.local.error, data)
+    misfit = misfit_of(stage.measurement, stage.space.model_at(best.point), left, int(stage.free.sum()), NO_NOISE)
+    return Round(allowance, data, best, ended, misfit, best.cost if best.exact else math.inf)

@@ -1,0 +1,91 @@
+"""What every plot stands on: figures, SVG, colours, names as they are, axes of amplitudes."""
+
+import io
+import warnings
+
+import numpy as np
+from jaxtyping import Complex, Float
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from rotorjax.data.names import harmless
+
+COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
+"""Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
+
+LONGEST_NAME = 24
+"""Characters of a name in a picture."""
+
+
+def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure with its axes, row by row, laid out so that labels do not overlap. Sizes in inches."""
+    drawn = Figure(figsize=(width, height), layout="constrained")
+    return drawn, list(drawn.subplots(rows, columns, squeeze=False).ravel())
+
+
+def svg(drawn: Figure) -> bytes:
+    """A figure as SVG whose text stays text: the browser has glyphs that the drawing library's font lacks."""
+    buffer = io.BytesIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "rotorjax"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+def plain(name: str) -> str:
+    """A user's name as it is: a dollar sign begins no formula, an underline hides no entry of a legend, a control
+    character is written out. A long one, which would leave the picture no room, is shortened in its middle.
+    """
+    shown = harmless(name)
+    if len(shown) > LONGEST_NAME:
+        half = (LONGEST_NAME - 1) // 2
+        shown = f"{shown[: LONGEST_NAME - 1 - half]}…{shown[-half:]}"
+    return (" " if shown.startswith("_") else "") + shown.replace("$", r"\$")
+
+
+def logarithmic(axes: Axes) -> None:
+    """A logarithmic axis of amplitudes with numbers as people write them, more of them where it spans little."""
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    written = FuncFormatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_major_formatter(written)
+    axes.yaxis.set_minor_formatter(written if high < 10.0 * low else NullFormatter())
+
+
+def with_room(values: np.ndarray) -> tuple[float, float]:
+    """Limits that leave room for a legend above."""
+    low, high = float(np.min(values)), float(np.max(values))
+    return low - 0.08 * (high - low), high + 0.25 * (high - low)
+
+
+def label_speeds(
+    axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"], *, apart: float | None = None
+) -> None:
+    """Speeds beside vectors, where they do not lie on one another. **Arguments:** ``apart``: least distance of
+    those labelled; by default a share of their extent, from the origin too, about which the runs of a polar plot lie on
+    one another.
+    """
+    points, labelled = np.stack([np.real(z), np.imag(z)], axis=1), []
+    room = 0.12 * float(np.ptp(points, axis=0).max()) if apart is None and len(points) else apart or 0.0
+    for at, speed in zip(points, speed_rpm, strict=True):
+        if (apart is not None or np.linalg.norm(at) > room) and all(
+            np.linalg.norm(at - other) > room for other in labelled
+        ):
+            labelled.append(at)
+            axes.annotate(
+                f"{speed:.0f} rpm", tuple(at), textcoords="offset points", xytext=(5, 4), fontsize=7, zorder=5
+            )
+
+
+def arc_of_rotation(axes: Axes, radius: float, middle: float, spin: int) -> None:
+    """A short arc with an arrowhead in the sense of rotation. **Arguments:** ``middle``: its place, from right to up
+    [rad]; ``spin``: +1 for counterclockwise.
+    """
+    first, last = (radius * np.exp(1j * (middle - end * spin * np.radians(10.0))) for end in (1.0, -1.0))
+    bent = {"arrowstyle": "->", "connectionstyle": f"arc3,rad={0.18 * spin}", "color": "0.3"}
+    axes.annotate("", (last.real, last.imag), (first.real, first.imag), arrowprops=bent)
+    lower = first if first.imag <= last.imag else last
+    side = "left" if lower.real >= 0.0 else "center"
+    axes.annotate("rotation", (lower.real, lower.imag), fontsize=7, color="0.3", ha=side, va="top")

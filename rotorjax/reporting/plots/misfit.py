@@ -1,0 +1,170 @@
+"""Where a model fails, how the error falls, what is probable, and the force that is missing."""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+
+from rotorjax.discovery.compare import Comparison
+from rotorjax.discovery.missing_force import MissingForce
+from rotorjax.physics.harmonic_balance import SAMPLES
+from rotorjax.reporting.plots.canvas import COLOURS, plain, with_room
+from rotorjax.reporting.wording import percent
+from rotorjax.units import MICROMETRE
+
+
+def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float] | None = None) -> Axes:
+    """|residual| [µm] as a map: runs down, speed and probe across; grey where nothing was measured."""
+    m = view.measurement
+    cluster, speeds = m.speed_cluster()
+    columns = [
+        (s, k, n)
+        for n in range(len(m.orders))
+        for s in range(len(speeds))
+        for k, probe in enumerate(m.probes)
+        if probe in m.probes_read
+    ]
+    grid = np.full((len(m.runs), len(columns)), np.nan)
+    for j, (s, k, n) in enumerate(columns):
+        for run in range(len(m.runs)):
+            cases = (cluster == s) & (m.run == run) & m.present[:, k, n]
+            if cases.any():
+                grid[run, j] = np.sqrt(np.mean(np.abs(view.residual[cases, k, n]) ** 2)) / MICROMETRE
+    low, high = limits_um or _positive_range(grid)
+    image = axes.imshow(
+        np.maximum(grid, low), aspect="auto", cmap="YlOrRd", norm=LogNorm(low, high), interpolation="none"
+    )
+    axes.set_facecolor("0.85")
+    several = len(m.orders) > 1
+    labels = [
+        f"{plain(m.probes[k])} {speeds[s]:.0f}" + (f" {m.orders[n]:g}X" if several else "") for s, k, n in columns
+    ]
+    step = max(1, len(columns) // 24)
+    axes.set_xticks(range(0, len(columns), step), labels[::step], rotation=90 if len(columns) > 6 else 0, fontsize=7)
+    step = max(1, len(m.runs) // 30)
+    axes.set_yticks(range(0, len(m.runs), step), list(map(plain, m.runs[::step])), fontsize=7)
+    axes.set(xlabel="probe and speed, rpm")
+    if axes.figure is not None:
+        axes.figure.colorbar(image, ax=axes, label="|residual|, µm")
+    return axes
+
+
+def _positive_range(grid: np.ndarray) -> tuple[float, float]:
+    seen = grid[np.isfinite(grid) & (grid > 0.0)]
+    if not len(seen):
+        return 1e-3, 1.0
+    low, high = float(seen.min()), float(seen.max())
+    return (low, high) if high > 1.01 * low else (0.5 * low, 2.0 * low)
+
+
+def error_fall(
+    axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None
+) -> Axes:
+    """The error step by step as effects were added, with the error on held-out data and the level of the noise."""
+    at = np.arange(len(labels))
+    axes.plot(at, rms_um, "o-", color=COLOURS[0], markersize=7, linewidth=1.2, label="all data")
+    held = [(x, h) for x, h in zip(at, held_out_um, strict=True) if h is not None]
+    if held:
+        axes.plot(
+            *zip(*held, strict=True),
+            "D",
+            color=COLOURS[1],
+            markersize=7,
+            fillstyle="none",
+            markeredgewidth=1.5,
+            label="held out",
+        )
+    if noise_um is not None:
+        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise alone (√2 standard errors)")
+    for x, value in zip(at, rms_um, strict=True):
+        axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(8, 4), fontsize=8)
+    axes.set_yscale("log")
+    floor = float(np.min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])]))
+    axes.set_ylim(max(floor, 1e-9) / 2.0, max(1e-9, *rms_um) * 3.0)
+    axes.set_xticks(at, labels, fontsize=8)
+    axes.set(ylabel="rms |residual|, µm", xlim=(-0.4, len(labels) - 0.4))
+    axes.legend(fontsize=8, loc="upper right")
+    axes.grid(axis="y", alpha=0.3)
+    return axes
+
+
+def probabilities(axes: Axes, effects: list[str], values: list[float]) -> Axes:
+    """How probable each of some effects is, the most probable on top; "none" in grey."""
+    at = np.arange(len(effects))[::-1]
+    axes.barh(at, values, color=["0.65" if name == "none" else COLOURS[0] for name in effects])
+    for y, value in zip(at, values, strict=True):
+        axes.annotate(
+            percent(value),
+            (value, y),
+            textcoords="offset points",
+            xytext=(4, 0),
+            va="center",
+            fontsize=8,
+        )
+    axes.set_yticks(at, effects)
+    axes.set(xlabel="probability", xlim=(0.0, 1.15))
+    return axes
+
+
+def correlations(axes: Axes, names: list[str], matrix: Float[np.ndarray, "param param"]) -> Axes:
+    """Correlations of fitted parameters: red together, blue against one another."""
+    image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    if axes.figure is not None:
+        axes.figure.colorbar(image, ax=axes, label="correlation")
+    return axes
+
+
+def missing_force(
+    axes: Axes,
+    found: MissingForce,
+    *,
+    over: Literal["displacement", "velocity", "angle"],
+    dof: int,
+    most: int = 4,
+    legend: bool = True,
+) -> Axes:
+    """The force along x (0) or y (1) that the model lacks [N], over displacement, velocity or shaft angle, with a band
+    of one standard error.
+
+    The ``most`` cases with the largest force beyond noise, one colour each; force along x and y to the same scale. No
+    curves where nothing can be said.
+    """
+    m, name = found.measurement, "xy"[dof]
+    waves, label = {
+        "displacement": (found.displacement / MICROMETRE, f"displacement {name}, µm"),
+        "velocity": (1e3 * found.velocity, f"velocity {name}, mm/s"),
+        "angle": (
+            np.broadcast_to(np.degrees(found.angle)[None, None], found.force.shape),
+            "shaft angle after the phase reference, deg",
+        ),
+    }[over]
+    largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
+    for colour, case in zip(COLOURS, sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
+        at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
+        if over == "angle":
+            at[-1] = at[-2] + at[1] - at[0]
+        axes.plot(
+            at,
+            force,
+            "-",
+            color=colour,
+            linewidth=1.2,
+            label=f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm",
+        )
+        axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
+    axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
+    axes.set(xlabel=label, ylabel=f"force missing along {name}, N")
+    if over == "angle":
+        axes.set(
+            xlim=(0.0, 360.0 * len(found.angle) / SAMPLES), xticks=np.arange(0, 361, 90) * len(found.angle) // SAMPLES
+        )
+    if largest:
+        axes.set_ylim(with_room(found.force[largest]))
+    if largest and legend:
+        axes.legend(fontsize=7, loc="upper center", ncols=2)
+    axes.grid(alpha=0.3)
+    return axes
