@@ -34,6 +34,7 @@ def vectors(options: argparse.Namespace) -> None:
     orders = orders_of(options.orders) if options.orders else None
     with progress_line() as progress:
         rig = read_rig(options.rig)
+        _keep_recordings(options, rig)
         records = read_recordings(rig, options.files, orders=orders, sample_rate_hz=rate, progress=progress)
     _tell([*records.all_notes, *rig.notes])
     rows = [rig.convention.to_table(row) for row in records.rows()]
@@ -65,10 +66,24 @@ def read_recorded(options: argparse.Namespace, progress: "Progress") -> "tuple[R
     from rotorjax.data.rig import read_rig
 
     rig = read_rig(options.recordings)
+    _keep_recordings(options, rig)
     records = read_recordings(rig, progress=progress)
     measurement = records.measurement(rig)
     _tell([*records.all_notes, *measurement.notes])
     return rig, measurement
+
+
+def _keep_recordings(options: argparse.Namespace, rig: "Rig") -> None:
+    """Refuse to write over a recording that the rig file names.
+
+    **Errors.** `InputError`.
+    """
+    named = [*(recorded.file for recorded in rig.waveform.recordings), rig.waveform.slow_roll or ""]
+    read = {(rig.path.parent / file).resolve() for file in named if file}
+    for flag in ("output", "json", "report", "write_rig"):
+        path = getattr(options, flag, None)
+        if path is not None and path.resolve() in read:
+            raise InputError(f"--{flag.replace('_', '-')} {path}: is one of the recordings; choose another file")
 
 
 def _tell(notes: list[str]) -> None:

@@ -1,1 +1,1 @@
-"""Measurements: vectors, tables, rig files, signals, simulated ones and those that the package ships."""
+"""Measurements: vectors, tables, rig files, recordings, signals, simulated ones and those that the package ships."""

@@ -346,11 +346,14 @@ def test_vectors_then_explain_and_explain_at_once(tmp_path, capsys):
         (["vectors", "rig.toml", "--sample-rate", "-3", "--output", "o.csv"], "--sample-rate -3.0"),
         (["vectors", "rig.toml", "--orders", "x", "--output", "o.csv"], "--orders x"),
         (["vectors", "rig.toml", "--output", "o.csv"], "names no recordings"),
+        (["vectors", "full.toml", "--output", "c.csv"], "--output c.csv: is one of the recordings"),
+        (["explain", "--recordings", "full.toml", "--json", "c.csv"], "--json c.csv: is one of the recordings"),
         (["vectors", "c.csv", "--rig", "rig.toml", "--output", "o.csv"], "does not say which run it holds"),
     ],
 )
 def test_command_lines_that_say_too_little(tmp_path, arguments, words, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    rig_file(tmp_path, "c.csv=baseline").rename(tmp_path / "full.toml")
     rig_file(tmp_path, "")
     assert main(arguments) == 2
     assert words in capsys.readouterr().err
