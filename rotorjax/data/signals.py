@@ -87,24 +87,24 @@ def vectors_from_waveform(
 ) -> WaveformVectors:
     """Vibration vectors z_n by least squares over the whole revolutions of a record.
 
-    displacement = Σ_n (Re z_n cos nφ - Im z_n sin nφ) + polynomial in t, all orders and the drift jointly. The
-    vectors are those of the mean speed; where they change with the speed, that change is in their standard error.
-    From five revolutions on (ten for a half order) the error is that of coloured noise and uncertain pulses alike;
-    with fewer, it holds the residual's noise but not what the pulses got wrong. An error common to all pulses turns
-    all vectors alike and leaves no scatter: it is counted only as ``pulse_error``.
+    displacement = Σ_n (Re z_n cos nφ - Im z_n sin nφ) + polynomial in t, all orders and the drift jointly. The vectors
+    are those of the mean speed; where they change with it, that is in their standard error, or is fitted as a
+    polynomial in t of degree ``changing``: then they are those of the middle of the record. From five revolutions on
+    (ten for a half order) the error is that of coloured noise and uncertain pulses alike; with fewer, it holds the
+    residual's noise but not what the pulses got wrong. An error common to all pulses turns all vectors alike and
+    leaves no scatter: it is counted only as ``pulse_error``.
 
     **Arguments:** ``time`` (sample) [s]; ``displacement`` (sample, probe) [m]; ``pulses`` of the phase reference [s],
-    those outside the record are left out; ``orders`` to fit: name 2.0 too where a 2X is large, as record ends between
-    samples leak about one part in their number; ``drift`` degree of the polynomial. One is good for a dwell: a linear
-    drift left out leaks 1/(π n N) of its span over N revolutions into order n, a quadratic one only 1/(π n N)²;
-    ``changing`` degree of the vectors' change over the record, 0 for a dwell; ``pulse_error`` standard error common to
-    all pulses [s], for edges shorter than a sample at most one sample / √12, by default what the places of the pulses
-    between samples tell: just that where they are the same in every revolution; 0 for pulses known exactly.
-    **Returns** `WaveformVectors`. **Errors.** ``ValueError``, with place and cure, for samples not finite, shapes that
-    do not match, time or pulses not rising, missing or double pulses, fewer than two whole revolutions, orders that the
-    record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
+    those outside the record are left out; ``orders`` to fit: name 2.0 too where a 2X is large, because record ends
+    that fall between samples leak about one part in the number of samples; ``drift`` degree of the polynomial, 1 for a
+    dwell: a linear drift left out leaks 1/(π n N) of its span over N revolutions into order n, a quadratic one only
+    1/(π n N)²; ``changing``, 0 for a dwell; ``pulse_error`` common to all pulses [s], for edges shorter than a sample
+    at most one sample / √12, by default what the places of the pulses between samples tell: just that where they are
+    the same in every revolution; 0 for pulses known exactly. **Errors.** ``ValueError``, with place and cure, for
+    samples not finite, shapes that do not match, time or pulses not rising, missing or double pulses, fewer than two
+    whole revolutions, orders that the record cannot resolve. **Source:** Huang et al. 2026, section 2.3.
     """
-    turning, (instants, waves) = np.array(orders, float), record_of(time, displacement, "displacement")
+    instants, waves = record_of(time, displacement, "displacement")
     marks = _within(regular(pulses), instants)
     count = len(marks) - 1
     used = (instants >= marks[0]) & (instants < marks[-1])
@@ -114,27 +114,25 @@ def vectors_from_waveform(
     solution = np.linalg.lstsq(design, waves[used])[0]
     residual = np.full(waves.shape, np.nan)
     residual[used] = left = waves[used] - design @ solution
-    parts = solution[: 2 * len(orders)].reshape(len(orders), 2, -1)
+    turning = np.asarray(orders, dtype=float)
+    cosine, sine = np.moveaxis(solution[: 2 * len(turning)].reshape(len(turning), 2, -1), 1, 0)
     covariance, pairs = _scatter(left, design, angle[used], turning, count, changing)
-    level = 2 * len(turning) * (1 + changing)
-    vectors = (parts[:, 0] - 1j * parts[:, 1]).T
+    level, vectors = 2 * len(turning) * (1 + changing), (cosine - 1j * sine).T
     speed = TURN * count / (marks[-1] - marks[0])
-    common_error = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
+    late = _common_pulse_error(marks, instants) if pulse_error is None else pulse_error
     return WaveformVectors(
-        vectors, covariance + _turned_together(vectors, turning, speed * common_error), pairs,
+        vectors, covariance + _of_late_pulses(vectors, speed * late * turning), pairs,
         float(speed / RPM), _speed_change(marks), count, angle, residual,
         solution[level], _constant_error(left, design, angle[used], turning, count, level),
     )  # fmt: skip
 
 
-def _turned_together(
-    vectors: Complex[np.ndarray, "probe order"], orders: Float[np.ndarray, "order"], angle: float
-) -> Float[np.ndarray, "order part part"]:
-    """Covariance of all probes' parts, order by order, where the shaft angle of all revolutions is off by one random
-    ``angle`` [rad]: it turns z_n by n times that.
-    """
-    turned = numpy_pair(1j * orders[:, None] * angle * vectors.T).reshape(len(orders), -1)
-    return turned[:, :, None] * turned[:, None, :]
+def _of_late_pulses(
+    vectors: Complex[np.ndarray, "probe order"], angle: Float[np.ndarray, "order"]
+) -> Float[np.ndarray, "order 2*probe 2*probe"]:
+    """Covariance from an error common to all pulses: late by τ they turn z by the angle n Ω τ."""
+    common = numpy_pair(1j * angle[:, None] * vectors.T).reshape(len(angle), -1)
+    return common[:, :, None] * common[:, None, :]
 
 
 def _speed_change(marks: Float[np.ndarray, "_"]) -> float:
