@@ -62,8 +62,10 @@ class Orbit(NamedTuple):
 
     @property
     def turns(self) -> int:
-        """Revolutions after which the orbit closes: two with a half order."""
-        parts = [Fraction(order).limit_denominator(LONGEST).denominator for order in self.orders]
+        """Revolutions after which the orbit closes: two where there is motion at a half order."""
+        moves = np.any(self.motion != 0.0, axis=0)
+        there = [order for order, moved in zip(self.orders, moves.tolist(), strict=True) if moved]
+        parts = [Fraction(order).limit_denominator(LONGEST).denominator for order in there]
         return min(math.lcm(*parts), LONGEST)
 
     @property

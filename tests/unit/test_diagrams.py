@@ -14,6 +14,7 @@ from rotorjax.diagnosis.natural_frequencies import natural_frequencies
 from rotorjax.diagnosis.orbits import Centreline, Orbit, probe_pairs, recorded_orbit
 from rotorjax.reporting import plots
 from rotorjax.reporting.pictures import story_pictures
+from rotorjax.reporting.pictures.orbits import orbit_cases
 
 ORDERS = (0.0, 0.5, 1.0, 2.0)
 SPEEDS = np.linspace(600.0, 2900.0, 6)
@@ -32,6 +33,7 @@ def test_an_orbit_is_the_motion_wherever_its_probes_stand(angle_deg, rng):
     orbit = Orbit.of(read_by(motion, angle_deg), ORDERS, np.radians(angle_deg))
     np.testing.assert_allclose(orbit.motion, motion, atol=1e-12)
     assert orbit.turns == 2
+    assert Orbit(ORDERS, motion * [1.0, 0.0, 1.0, 1.0]).turns == 1
     turn = 2.0 * np.pi * np.linspace(0.0, 2.0, 721)
     expected = np.real(np.exp(1j * np.outer(turn, ORDERS[1:])) @ motion[:, 1:].T)
     np.testing.assert_allclose(orbit.path(), expected, atol=1e-12)
@@ -223,6 +225,22 @@ def test_what_cannot_be_drawn_is_said(story):
     blind = tell(story.model, blind, [])
     with pytest.raises(ValueError, match="no reading of both probes"):
         blind.plot.orbit(probes=("L", "R"))
+
+
+def test_readings_at_critical_speeds_come_first_then_the_largest_then_other_runs(story):
+    view, pair = story.last, (0, 1)
+    m = view.measurement
+    cases = orbit_cases(view, pair, [SPEEDS[1] + 10.0, 9000.0])
+    assert len(cases) == 3
+    assert {m.runs[m.run[k]] for k in cases} == {"$second"}
+    assert list(m.speed_rpm[cases]) == sorted(m.speed_rpm[cases])
+    size = np.abs(m.vectors[len(SPEEDS) :, :, 1:]).reshape(len(SPEEDS), -1)
+    largest = SPEEDS[np.argmax(np.linalg.norm(size, axis=1))]
+    assert any(np.isclose(m.speed_rpm[cases], SPEEDS[1]))
+    assert any(np.isclose(m.speed_rpm[cases], largest))
+    single = dataclasses.replace(m, present=m.present & (np.arange(len(m.run)) % len(SPEEDS) == 0)[:, None, None])
+    few = orbit_cases(dataclasses.replace(view, measurement=single), pair, [])
+    assert [m.runs[m.run[k]] for k in few] in (["first", "$second"], ["$second", "first"])
 
 
 def test_a_report_shows_what_was_measured(story):

@@ -12,7 +12,7 @@ from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.story import Story
 from rotorjax.model.model import Model
 from rotorjax.reporting import plots
-from rotorjax.reporting.pictures.views import has_before, shown_runs
+from rotorjax.reporting.pictures.views import has_before, runs_by_size
 
 MOST_ORBITS = 3
 """Orbits in a row."""
@@ -68,20 +68,24 @@ def orbit_view(view: Comparison, model: Model, case: int, pair: Pair) -> OrbitVi
 
 def orbit_cases(view: Comparison, pair: Pair, critical_rpm: Sequence[float], most: int = MOST_ORBITS) -> list[int]:
     """Readings to show, by speed: of the run with the largest vibration those nearest to critical speeds within its
-    speeds, then the largest.
+    speeds, then the largest at other speeds; then the largest of other runs, one of each.
     """
     m, both = view.measurement, list(pair)
     turning = np.array(m.orders) > 0.0
-    seen = (view.present[:, both].all(axis=1) & turning).any(axis=1)
-    own = next((own for run in shown_runs(view) if (own := seen & (m.run == m.runs.index(run))).any()), seen)
-    cases, (cluster, _) = np.flatnonzero(own), m.speed_cluster()
-    speed = m.speed_rpm[cases]
-    near = [int(cases[np.argmin(np.abs(speed - c))]) for c in critical_rpm if speed.min() <= c <= speed.max()]
-    size = np.linalg.norm((np.abs(view.measured[cases][:, both]) * turning).reshape(len(cases), -1), axis=1)
-    picked: dict[int, int] = {}
-    for case in [*near, *(int(c) for c in cases[np.argsort(-size, kind="stable")])]:
+    seen = np.any(view.present[:, both].all(axis=1) & turning, axis=1)
+    if not seen.any():
+        return []
+    largest = next(k for run in runs_by_size(view.measurement) if seen[m.run == (k := m.runs.index(run))].any())
+    own, cluster = np.flatnonzero(seen & (m.run == largest)), m.speed_cluster()[0]
+    speed = m.speed_rpm[own]
+    near = [int(own[np.argmin(np.abs(speed - c))]) for c in critical_rpm if speed.min() <= c <= speed.max()]
+    size = np.linalg.norm((np.abs(view.measured[:, both]) * turning).reshape(len(seen), -1), axis=1)
+    by_size = sorted(np.flatnonzero(seen).tolist(), key=lambda case: (m.run[case] != largest, -size[case]))
+    picked: dict[tuple[bool, int], int] = {}
+    for case in [*near, *by_size]:
+        mine = bool(m.run[case] == largest)
         if len(picked) < most:
-            picked.setdefault(int(cluster[case]), case)
+            picked.setdefault((mine, int(cluster[case] if mine else m.run[case])), case)
     return sorted(picked.values(), key=lambda case: m.speed_rpm[case])
 
 
@@ -91,7 +95,7 @@ def the_case(story: Story, pair: Pair, run: str | None, speed_rpm: float | None)
     """
     view, both = story.last, list(pair)
     m = view.measurement
-    seen = (view.present[:, both].all(axis=1) & (np.array(m.orders) > 0.0)).any(axis=1)
+    seen = np.any(view.present[:, both].all(axis=1) & (np.array(m.orders) > 0.0), axis=1)
     if run is not None:
         seen = seen & (m.run == m.runs.index(run))
     if not seen.any():

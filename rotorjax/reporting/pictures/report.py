@@ -200,8 +200,9 @@ def _orbits(story: Story) -> list[tuple[str, Figure]]:
                 plots.orbit(path, row[c].measured, row[c].model, probes=row[c].probes)
                 plots.full_spectrum(bar, row[c].measured, row[c].model)
                 for each in (path, bar):
-                    each.set_title(row[c].title, fontsize=9, loc="left")
-        which = "Of the run with the largest vibration: nearest to the critical speeds, then where it is largest."
+                    plane = f", {' and '.join(map(plots.plain, row[c].probes))}" if len(rows) > 1 else ""
+                    each.set_title(row[c].title + plane, fontsize=9, loc="left")
+        which = "Nearest to the critical speeds, then where the vibration is largest."
         figures.append((f"{plots.CAPTIONS['orbit']} {which}", drawn))
         if any(sum(order > 0.0 for order in one.measured.orders) > 1 for row in rows for one in row):
             figures.append((f"{plots.CAPTIONS['full_spectrum']} Readings as above.", spectra))

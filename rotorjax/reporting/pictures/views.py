@@ -34,13 +34,17 @@ def draw_fall(axes: Axes, story: Story, *, short: bool = False) -> Axes:
 
 def shown_runs(view: Comparison) -> list[str]:
     """Runs for a Bode plot, spread from the least to the largest measured vibration."""
-    m = view.measurement
+    rising = runs_by_size(view.measurement)[::-1]
+    picked = np.unique(np.linspace(0, len(rising) - 1, min(MOST_RUNS, len(rising))).round().astype(int))
+    return [rising[k] for k in picked[::-1]]
+
+
+def runs_by_size(m: Measurement) -> list[str]:
+    """Runs from the largest measured vibration to the least."""
     sizes = [
         float(np.sqrt(np.mean(np.abs(m.vectors[m.run == k][m.present[m.run == k]]) ** 2))) for k in range(len(m.runs))
     ]
-    ranked = np.argsort(sizes)
-    picked = np.unique(np.linspace(0, len(ranked) - 1, min(MOST_RUNS, len(ranked))).round().astype(int))
-    return [m.runs[k] for k in ranked[picked][::-1]]
+    return [m.runs[k] for k in np.argsort(sizes)[::-1]]
 
 
 def first_order(m: Measurement) -> float:

@@ -119,10 +119,11 @@ def full_spectrum(
     if isinstance(measured, Orbit):
         order, amplitude = _both_ways(measured)
         highest = max(1.0, float(np.abs(order).max(initial=0.0)))
-        width = 0.3 * min(1.0, float(np.min(np.diff(np.unique([0.0, *measured.orders])), initial=1.0)))
-        axes.bar(order, amplitude / MICROMETRE, width=width, color=MEASURED, label="measured")
+        apart = min(1.0, float(np.min(np.diff(np.unique([0.0, *measured.orders])), initial=1.0)))
+        axes.bar(order, amplitude / MICROMETRE, width=0.3 * apart, color=MEASURED, label="measured")
         axes.set_xlim(-highest - 0.7, highest + 0.7)
-        axes.set_xticks(order, [f"{n:+g}X" for n in order])
+        crowded = apart < 1.0
+        axes.set_xticks(order, [f"{n:+g}{'' if crowded else 'X'}" for n in order], fontsize=7 if crowded else None)
     else:
         shown = np.abs(measured.order) <= highest_order
         order, amplitude = measured.order[shown], measured.amplitude[shown]
