@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from rotorjax.data.declarations import Slip, log_odds, promising, slips
-from rotorjax.discovery.race import Contender, Contest, misfit_left
+from rotorjax.discovery.contest import Contender, Contest, misfit_left
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at

@@ -7,7 +7,7 @@ from jaxtyping import Complex, Float
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit
-from rotorjax.inference.linearised import Budget
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.prediction import predict
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model

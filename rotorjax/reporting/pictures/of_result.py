@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.story import Story
 from rotorjax.reporting import plots
 from rotorjax.reporting.pictures.orbits import (

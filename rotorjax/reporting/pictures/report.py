@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
-from rotorjax.discovery.explain import Explanation
+from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.story import Story
 from rotorjax.reporting import plots
