@@ -109,7 +109,7 @@ def test_report_is_one_file_without_network(example, told):
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert all(f'id="{place}"' in page for place in re.findall(r'href="#(\w+)"', page))
     assert "http" not in page.replace("http-equiv", "")
-    assert page.count("data:image/svg+xml;base64,") == 6
+    assert page.count("data:image/svg+xml;base64,") == 8
     assert "<script" not in page
 
 

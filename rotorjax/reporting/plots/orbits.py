@@ -72,6 +72,8 @@ def _whirl_words(one: Orbit) -> str:
     if not turning:
         return "at rest"
     order = 1.0 if 1.0 in turning else turning[0]
+    if not np.any(one.at_order(order).motion):
+        return f"no {order:g}X"
     sense = one.sense(order)
     return f"{order:g}X {'along a line' if sense == 'a line' else sense}"
 
