@@ -79,7 +79,7 @@ def explained(drawn: Drawn) -> dict[str, Any]:
     """One case: its row of the table, and how long it took."""
     use_double_precision()
     hidden, mistake = draw_with_mistake(drawn.seed) if drawn.slips else (draw(drawn.seed), None)
-    found, seconds = timed(lambda: explain(hidden.model, hidden.measurement, slips=drawn.slips or None))
+    found, seconds = timed(lambda: explain(hidden.model, hidden.measurement))
     spare_memory_maps()
     story = found.story
     noise = None if hidden.measurement.sigma is None else np.sqrt(2.0) * hidden.measurement.sigma.max()

@@ -11,12 +11,12 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from rotorjax.data.declarations import Slip, log_odds, promising, slips
 from rotorjax.discovery.contest import Contender, Contest, misfit_left
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import Progress, Selection, select
+from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import NO_NOISE, Noise
@@ -124,8 +124,7 @@ def race_of_slips(
         stated = _screened(_Change(None, contest), NO_NOISE)
         if not _holds(stated):
             progress("whether something was written down wrongly")
-            screened = [_screened(change, NO_NOISE, hopeless=stated.end.cost) for change in changes]
-            ahead = [one for one in screened if _holds(one) or one.end.cost < HALVED * stated.end.cost]
+            screened, ahead = _of_what_fails(stated, changes)
             if ahead and (race := _without_what_is_stated(stated, ahead, most, progress)):
                 return race
     own = _alternative(None, select(contest, most, progress=progress))
@@ -138,6 +137,24 @@ def race_of_slips(
         least = _least(own, noise)
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
     return _ranked(_with_near(own, _near(own, stated, screened, noise), noise, most, progress))
+
+
+def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[list[_Screened], list[_Screened]]:
+    """Changes where linear effects do not hold within the noise with what is stated: those that may be near, and those
+    ahead, the nearest first.
+
+    All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is far behind under
+    that noise stays so.
+    """
+    measurement = stated.change.contest.measurement
+    wide = Noise(WIDE * measurement.rms)
+    level = _screened(stated.change, wide).end.cost
+    possible = [one for one in (_screened(change, wide) for change in changes) if HALVED * one.end.cost < level]
+    far = {one.change.slip: one.end.cost < HALVED * level for one in possible}
+    possible.sort(key=lambda one: one.cost)
+    screened = [_screened(one.change, NO_NOISE, start=one.end.point) for one in possible]
+    ahead = [one for one in screened if _holds(one) or far[one.change.slip] or one.end.cost < HALVED * stated.end.cost]
+    return screened, sorted(ahead, key=lambda one: (0, one.cost) if _holds(one) else (1, 0.0))
 
 
 def _misses(own: Alternative) -> bool:
@@ -164,7 +181,7 @@ def _without_what_is_stated(stated: _Screened, ahead: list[_Screened], most: int
     a force that depends on motion may hold. **Returns** nothing where none does within half of the linearisations left.
     """
     budget = stated.change.contest.budget
-    nearest, *further = sorted(ahead, key=lambda one: one.cost)
+    nearest, *further = ahead
     before = budget.spent
     with budget.share(budget.left / 2):
         first = _searched(nearest.change, most, progress)
@@ -234,13 +251,18 @@ def _change(contest: Contest, slip: Slip, odds: float) -> _Change:
 
 
 def _screened(
-    change: _Change, noise: Noise, own: Alternative | None = None, *, hopeless: float = math.inf
+    change: _Change,
+    noise: Noise,
+    own: Alternative | None = None,
+    *,
+    start: Float[np.ndarray, "param"] | None = None,
+    hopeless: float = math.inf,
 ) -> _Screened:
-    """All linear effects at once, from where the model has them. **Arguments:** ``own``: an answer whose forces that
-    depend on motion are fitted too; ``hopeless``: cost with which the fit does not go on.
+    """All linear effects at once, from a ``start`` or where the model has them. **Arguments:** ``own``: an answer whose
+    forces that depend on motion are fitted too; ``hopeless``: cost with which the fit does not go on.
     """
     contest = change.contest
-    start, free = contest.space.given_unknowns(), _linear(contest)
+    start, free = contest.space.given_unknowns() if start is None else start, _linear(contest)
     if own is not None:
         forces = contest.only_of(own.selection.present & contest.timed)
         best = own.selection.known[own.selection.present].best
