@@ -48,7 +48,7 @@ UNEXPLAINED = 0.01
 MOST_LEADERS = 3
 """Ties, one after the other, that turn out more probable than the answer and take its place."""
 
-LINEARISATIONS = 600_000
+LINEARISATIONS = 700_000
 """Single cases that an explanation may linearise."""
 
 

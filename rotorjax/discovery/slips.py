@@ -143,13 +143,13 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[list[_Scr
     """Changes where linear effects do not hold within the noise with what is stated: those that may be near, and those
     ahead, the nearest first.
 
-    All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is far behind under
-    that noise stays so.
+    All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
+    stated under that noise stays so.
     """
     measurement = stated.change.contest.measurement
     wide = Noise(WIDE * measurement.rms)
     level = _screened(stated.change, wide).end.cost
-    possible = [one for one in (_screened(change, wide) for change in changes) if HALVED * one.end.cost < level]
+    possible = [one for one in (_screened(change, wide) for change in changes) if one.end.cost < level + TIE]
     far = {one.change.slip: one.end.cost < HALVED * level for one in possible}
     possible.sort(key=lambda one: one.cost)
     screened = [_screened(one.change, NO_NOISE, start=one.end.point) for one in possible]
