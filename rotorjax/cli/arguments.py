@@ -69,8 +69,9 @@ def parse_slip(texts: list[str], model: "Model", measurement: "Measurement") -> 
         name, _, about = text.partition(":")
         wanted = ".".join([name, *(part.partition("=")[2] for part in filter(None, about.split(",")))])
         known = {slip.name: slip for slip in slips(model, measurement, [kind])}
-        backwards = ".".join([name, *reversed(wanted.split(".")[1:])])
-        slip = known.get(wanted, known.get(backwards))
+        # What is exchanged may be named in either order.
+        backwards = {".".join((kind, *reversed(slip.about))): slip for slip in known.values()}
+        slip = (backwards | known).get(wanted)
         if slip is None:
             what = nearest(wanted, known) if known else "it would change nothing with this rig file and table"
             raise InputError(f"--effect {text}: no such mistake can be made here; {what}")

@@ -1,6 +1,5 @@
 """Which physical effect is missing: the answer, how sure it is, what it cannot tell apart, what to measure next."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -31,12 +30,12 @@ from rotorjax.discovery.search import (
     retold,
     select,
 )
-from rotorjax.discovery.slips import LARGE, Alternative, race_of_slips
+from rotorjax.discovery.slips import Alternative, race_of_slips
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
-from rotorjax.inference.noise import Noise
+from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
@@ -291,7 +290,7 @@ def _verdict(
     if p is not None:
         structure = p.value <= UNEXPLAINED
     elif m.sigma is None:
-        structure = math.sqrt(2.0) * last.misfit > LARGE * m.rms
+        structure = is_large(last.misfit, m)
     else:
         structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
     if structure:

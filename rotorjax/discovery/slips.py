@@ -19,14 +19,12 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import QUICK
-from rotorjax.inference.noise import NO_NOISE, Noise
+from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
 FAMILY_ODDS = 0.25
 """Prior odds that something was written down wrongly: those of a family of effects."""
-LARGE = 0.1
-"""Share of the measured size above which a residual of unknown noise is not put down to noise."""
 HALVED = 0.5
 """Share of the misfit, or of the cost with all linear effects, that a change must leave at most to count where it does
 not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn forces that
@@ -150,17 +148,20 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[list[_Scr
     wide = Noise(WIDE * measurement.rms)
     level = _screened(stated.change, wide).end.cost
     possible = [one for one in (_screened(change, wide) for change in changes) if one.end.cost < level + TIE]
-    far = {one.change.slip: one.end.cost < HALVED * level for one in possible}
     possible.sort(key=lambda one: one.cost)
     screened = [_screened(one.change, NO_NOISE, start=one.end.point) for one in possible]
-    ahead = [one for one in screened if _holds(one) or far[one.change.slip] or one.end.cost < HALVED * stated.end.cost]
+    ahead = [
+        exact
+        for rough, exact in zip(possible, screened, strict=True)
+        if _holds(exact) or rough.end.cost < HALVED * level or exact.end.cost < HALVED * stated.end.cost
+    ]
     return screened, sorted(ahead, key=lambda one: (0, one.cost) if _holds(one) else (1, 0.0))
 
 
 def _misses(own: Alternative) -> bool:
     """Whether an answer leaves more than the noise, or more than noise would be where that is unknown."""
     measurement = own.selection.contest.measurement
-    return own.misfit > (0.0 if measurement.sigma is not None else LARGE * measurement.rms / math.sqrt(2.0))
+    return own.misfit > 0.0 if measurement.sigma is not None else is_large(own.misfit, measurement)
 
 
 def _of_reading(own: Alternative) -> bool:

@@ -124,21 +124,19 @@ def tell(
     names = tuple(effect.name for effect in additions)
     if not additions and slip is None:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())
+    stated = None if slip is None else compare(model, measurement)
     if slip is not None:
-        declared = compare(model, measurement)
-        right = slip.put_right(model, measurement)
-        told = tell(*right, additions, fixed=fixed)
-        fits = told.fits or tuple(fit_steps(right[0], [], right[1]))
-        views = told.views or tuple(compare_vectors(f.predicted, right[1], f.model) for f in fits)
-        return dataclasses.replace(told, declared=declared, fits=fits, views=views, slip=slip)
-    undriven = undriven_orders(model.plus(additions), measurement)
+        model, measurement = slip.put_right(model, measurement)
+    undriven = undriven_orders(model.plus(additions), measurement) if additions else ()
     measurement = without_orders(measurement, undriven)
     fits = fit_steps(model, additions, measurement, fixed=fixed)
     views = tuple(compare_vectors(f.predicted, measurement, f.model) for f in fits)
-    predicted = _as_declared(fits[0], measurement)
-    require_steady(predicted, measurement)
-    declared = compare_vectors(predicted, measurement, model)
-    return Story(model, measurement, declared, names, tuple(fits), views, tuple(rivals(fits[-1])), undriven)
+    if stated is None:
+        predicted = _as_declared(fits[0], measurement)
+        require_steady(predicted, measurement)
+        stated = compare_vectors(predicted, measurement, model)
+    others = tuple(rivals(fits[-1])) if additions else ()
+    return Story(model, measurement, stated, names, tuple(fits), views, others, undriven, slip)
 
 
 def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:

@@ -26,6 +26,8 @@ LEAST_NOISE = 1e-12
 """Least standard error ever assumed, 1e-6 µm: what a table cannot resolve [m]."""
 SAME_SPEED = 0.005
 """Relative difference up to which readings of different runs are at one speed for influence coefficients."""
+LARGE = 0.1
+"""Share of the measured size above which a residual of unknown noise is not put down to noise."""
 SAME_MISFIT, MOST_ROUNDS = 0.02, 12
 """Relative change of a misfit below which it stands, and most alternations between a fit and the misfit that it leaves.
 """
@@ -263,6 +265,13 @@ def reduced_chi2(
     errors = whitened_residual(measurement, model, residual, noise)
     freedom = len(errors) - fitted
     return float(errors @ errors) / freedom if freedom > 0 else None
+
+
+def is_large(misfit: float, measurement: Measurement) -> bool:
+    """Whether a misfit is too large to be the noise, where that is unknown. **Arguments:** ``misfit``: standard error
+    of real and of imaginary part [m].
+    """
+    return math.sqrt(2.0) * misfit > LARGE * measurement.rms
 
 
 def misfit_of(
