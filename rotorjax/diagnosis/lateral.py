@@ -1,5 +1,6 @@
 """The lateral analysis of API 617: critical speeds with separation margins, amplitudes there, and stability."""
 
+import math
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -93,6 +94,15 @@ class Lateral(NamedTuple):
     """Whether the model has forces that depend on motion, of which this says nothing."""
     self_excited: bool
     """Whether the model has an effect of the linear rotor that may make it unstable."""
+    open_axes: frozenset[str] = frozenset()
+    """Of "x" and "y" those along which the data leave the damping open."""
+
+    def damping_known(self, critical: CriticalSpeed) -> bool:
+        """Whether the data determine the damping of a mode: it whirls along one axis, or about both."""
+        if critical.whirl != "elliptic":
+            return not self.open_axes
+        along_x = abs(math.cos(math.radians(critical.direction_deg))) > math.sqrt(0.5)
+        return ("x" if along_x else "y") not in self.open_axes
 
     def margin(self, critical: CriticalSpeed) -> SeparationMargin:
         """Its distance from the range of speeds."""

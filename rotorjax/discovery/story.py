@@ -14,6 +14,7 @@ from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
 from rotorjax.discovery.rivals import Rival, rivals
+from rotorjax.effects.structure import DampingError
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
@@ -80,7 +81,11 @@ class Story(Reported):
     @functools.cached_property
     def lateral(self) -> Lateral:
         """Critical speeds, separation margins and stability of the final model."""
-        return lateral(self.final_model, self.measurement) if self.changed else self.lateral_declared
+        if not self.changed:
+            return self.lateral_declared
+        damping = (e for e in self.fits[-1].estimates if e.entry.effect == DampingError.name and not e.determined)
+        found = lateral(self.final_model, self.measurement)
+        return found._replace(open_axes=frozenset(e.entry.label[-1] for e in damping))
 
     @functools.cached_property
     def lateral_declared(self) -> Lateral:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from rotorjax.diagnosis.critical_speeds import CriticalSpeed
-from rotorjax.diagnosis.lateral import BEYOND, STABLE, Lateral, SeparationMargin, SpeedRange, Stability
+from rotorjax.diagnosis.lateral import BEYOND, STABLE, Lateral, SeparationMargin, SpeedRange
 from rotorjax.discovery.story import Story
 from rotorjax.reporting.tables import Table, number
 
@@ -35,8 +35,9 @@ def _told(found: Lateral, *, short: bool = False) -> str:
 
 def _facts(one: CriticalSpeed, found: Lateral) -> list[str]:
     """Damping, and the distance from the speeds where it is outside, or where they are operating speeds."""
-    facts = [f"damping ratio {number(100.0 * one.damping_ratio)} %"]
-    if one.amplification is not None:
+    known = found.damping_known(one)
+    facts = [f"damping ratio {number(100.0 * one.damping_ratio)} %" if known else "damping ratio not determined"]
+    if known and one.amplification is not None:
         facts.append(f"amplification factor {number(one.amplification)}")
     margin, kind = found.margin(one), found.speeds.kind
     if margin.side != "inside":
@@ -64,6 +65,8 @@ def _stability_line(found: Lateral) -> str:
     least, speeds = found.stability, found.speeds
     if least is None or (least.onset_rpm is None and not found.self_excited):
         return ""
+    if found.open_axes:
+        return f"Stability: {_least(found)}."
     decrement = f"logarithmic decrement {number(least.log_decrement)} at {least.speed_rpm:.0f} rpm"
     if least.onset_rpm is None:
         asked = f"; API 617 asks for {STABLE:g}" if least.log_decrement < STABLE else ""
@@ -85,7 +88,7 @@ def critical_speeds_table(story: Story) -> Table | None:
     rows = [[name, *_row(one, found, probes)] for name, found, one in every]
     apart = any(found.margin(one).side != "inside" for _, found, one in every)
     notes = [
-        *(f"Stability {name}: {_least(m.stability, m.speeds)}." for name, m in models if m.stability is not None),
+        *(f"Stability {name}: {_least(m)}." for name, m in models if m.stability is not None),
         f"Separation margin from {_range(story.lateral.speeds)}; in brackets what API 617 asks for." if apart else "",
         "Amplification factor from the half-power width; where another mode is near, from the damping ratio: 1/(2ζ).",
         "Amplitudes at 1X, zero-to-peak, with nothing installed." if probes else "",
@@ -98,21 +101,28 @@ def critical_speeds_table(story: Story) -> Table | None:
 
 def _row(one: CriticalSpeed, found: Lateral, probes: list[str]) -> list[str]:
     margin = found.margin(one)
-    where = f"{_apart(margin)} ({margin.needed_percent:.0f} %)"
+    known = found.damping_known(one)
+    needed = f" ({margin.needed_percent:.0f} %)" if known else ""
     sizes = one.amplitude_um or {}
-    return [
-        f"{one.speed_rpm:.0f}",
+    damping = [
         number(100.0 * one.damping_ratio),
         number(one.log_decrement),
         number(one.amplification),
         "" if one.amplification is None else "width" if one.from_width else "ζ",
+    ]
+    return [
+        f"{one.speed_rpm:.0f}",
+        *(damping if known else ["not determined", "-", "-", ""]),
         one.whirl if one.whirl != "elliptic" else f"along {round(one.direction_deg)}°",
-        *(number(sizes.get(probe)) for probe in probes),
-        "inside" if margin.side == "inside" else where,
+        *(number(sizes.get(probe)) if known else "-" for probe in probes),
+        "inside" if margin.side == "inside" else f"{_apart(margin)}{needed}",
     ]
 
 
-def _least(least: Stability, speeds: SpeedRange) -> str:
+def _least(found: Lateral) -> str:
+    least, speeds = found.stability, found.speeds
+    if least is None or found.open_axes:
+        return "not determined, as the data leave the damping open"
     onset = (
         f"unstable from {least.onset_rpm:.0f} rpm on"
         if least.onset_rpm is not None
@@ -133,6 +143,7 @@ def _speeds_json(found: Lateral) -> list[dict[str, Any]]:
             "amplification_factor": one.amplification,
             "amplification_from": "half-power width" if one.from_width else "damping ratio",
             "damping_ratio": one.damping_ratio,
+            "damping_determined": found.damping_known(one),
             "log_decrement": one.log_decrement,
             "whirl": one.whirl,
             "direction_deg": one.direction_deg,

@@ -7,6 +7,7 @@ import pytest
 
 from rotorjax import diagnose, effects, read_measurement, read_rig, tell
 from rotorjax.reporting.comparison import findings, verdict
+from rotorjax.reporting.critical_speeds import critical_speeds_lines
 
 ADDED = ("residual_unbalance", "phase_reference_offset", "probe_angle", "plane_participation")
 
@@ -108,3 +109,12 @@ def test_installed_weights_come_back(story, measurement):
         total = installed[0] + gain * installed[1]
         assert run.unbalance_alone is not None
         assert np.hypot(*(run.unbalance_alone.pair - total)) < max(5e-6, 0.15 * np.hypot(*total)), run.run
+
+
+def test_what_follows_from_damping_that_is_open_is_not_told(story):
+    """Critical speeds far above the 1213 rpm where the measured speeds end: a damping ratio came out as 0.5 %."""
+    assert story.lateral.open_axes == {"x", "y"}
+    assert not any(story.lateral.damping_known(one) for one in story.lateral.critical_speeds)
+    (line,) = critical_speeds_lines(story)
+    assert line.count("damping ratio not determined") == 2
+    assert line.count("amplification factor") == 0

@@ -88,3 +88,14 @@ def test_least_damped_mode_counts():
     assert found.log_decrement == pytest.approx(2.0 * np.pi * 0.01, rel=1e-3)
     assert found.frequency_rpm == pytest.approx(np.sqrt(1.4) * NATURAL, rel=1e-6)
     assert found.speed_rpm == pytest.approx(3000.0)
+
+
+@pytest.mark.parametrize(
+    ("whirl", "direction_deg", "known"),
+    [("elliptic", 90.0, False), ("elliptic", -60.0, False), ("elliptic", 10.0, True), ("forward", 0.0, False)],
+)
+def test_damping_that_the_data_leave_open_along_y_is_known_of_modes_along_x_alone(whirl, direction_deg, known):
+    found = lateral(Model(ROTOR), measured(600.0, 3000.0))
+    critical = CriticalSpeed(2500.0, 0.02, 25.0, False, whirl, direction_deg)
+    assert found.damping_known(critical)
+    assert found._replace(open_axes=frozenset("y")).damping_known(critical) == known

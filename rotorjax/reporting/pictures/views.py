@@ -55,12 +55,13 @@ def first_order(m: Measurement) -> float:
 def draw_before_after(
     axes: Axes, story: Story, *, run: str | None = None, probe: str | None = None, order: float | None = None
 ) -> Axes:
-    """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with what
-    was added.
+    """Amplitude over speed of one run, by default that with the most readings, of several the one with the largest
+    vibration: measured, as declared, and with what was added.
     """
     m = story.measurement
-    run, probe = run or shown_runs(story.last)[0], probe or m.probes_read[-1]
-    order = first_order(m) if order is None else order
+    probe, order = probe or m.probes_read[-1], first_order(m) if order is None else order
+    read = m.present[:, m.probes.index(probe), m.orders.index(order)]
+    run = run or max(runs_by_size(m), key=lambda name: int(read[m.run == m.runs.index(name)].sum()))
     curves = {"as declared": declared_curves(story.model, m, run)} if has_before(story) else {}
     curves |= {"with what was added" if story.changed else "model": last_curves(story, run)}
     at = m.probes.index(probe), m.orders.index(order)

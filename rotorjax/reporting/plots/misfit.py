@@ -85,7 +85,8 @@ def error_fall(
     axes.set_ylim(max(floor, 1e-9) / 2.0, max(1e-9, *rms_um) * 3.0)
     axes.set_xticks(at, labels, fontsize=8)
     axes.set(ylabel="rms |residual|, µm", xlim=(-0.4, len(labels) - 0.4))
-    axes.legend(fontsize=8, loc="upper right")
+    # Above the axes: inside it would hide points and their numbers.
+    axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     axes.grid(axis="y", alpha=0.3)
     return axes
 
