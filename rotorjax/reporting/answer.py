@@ -66,7 +66,7 @@ def _with_open_sizes(found: Explanation) -> str:
 
 def _slip(slip: Slip) -> str:
     """What was written down wrongly, and what to change."""
-    return f"Written down wrongly: {slip.name}, {slip.meaning} ({slip.cure})."
+    return f"Written down wrongly: {slip.meaning} ({slip.name}; {slip.cure})."
 
 
 def _nothing(found: Explanation) -> str:
@@ -103,14 +103,15 @@ def _unexplained_why(found: Explanation) -> str:
     those = "those allowed" if found.restricted else "the catalogue"
     if not found.named:
         return f"no effect of {those} accounts for the difference between model and measurement."
+    one = len(found.named) == 1
+    accounts = "accounts" if one else "account"
     if slight(found):
-        single, lower = ("single effect", "lowers") if len(found.named) == 1 else ("effects", "together lower")
+        none, lower = ("no single effect", "lowers") if one else ("no effects", "together lower")
         return (
-            f"no {single} of {those} accounts for the difference between model and measurement; the best, "
+            f"{none} of {those} {accounts} for the difference between model and measurement; the best, "
             f"{said(found.named)}, {lower} the error only {number(error_fall(found), 2)}-fold, to "
             f"{number(found.story.last.rms / MICROMETRE)} µm rms."
         )
-    accounts = "accounts" if len(found.named) == 1 else "account"
     return (
         f"{said(found.named)} {accounts} for part of the difference between model and measurement, and no further "
         f"effect of {those} for the rest."
