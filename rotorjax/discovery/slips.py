@@ -117,28 +117,30 @@ def race_of_slips(
         return Race((Alternative(None, select(contest, most, progress=progress), 0.0, 0.0),), tried=False)
     odds = log_odds(every, FAMILY_ODDS)
     changes = [_change(contest, slip, odds[slip.name]) for slip in promising(contest.space.model, measurement, every)]
-    screened, stated = [], None
+    screened, stated, budget = [], None, contest.budget
     if measurement.sigma is not None:
         stated = _screened(_Change(None, contest), NO_NOISE)
         if not _holds(stated):
             progress("whether something was written down wrongly")
-            screened, ahead = _of_what_fails(stated, changes)
+            stated, screened, ahead = _of_what_fails(stated, changes)
             if ahead and (race := _without_what_is_stated(stated, ahead, most, progress)):
                 return race
+    before = budget.spent
     own = _alternative(None, select(contest, most, progress=progress))
-    if contest.budget.exhausted or not (always or screened or _misses(own) or _of_reading(own)):
+    if budget.exhausted or not (always or screened or _misses(own) or _of_reading(own)):
         return Race((own,), tried=bool(screened))
+    share = budget.left if _misses(own) else budget.spent - before
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
     stated = stated or _screened(_Change(None, contest), noise)
     if not screened:
         progress("whether something was written down wrongly")
         least = _least(own, noise)
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
-    return _ranked(_with_near(own, _near(own, stated, screened, noise), noise, most, progress))
+    return _ranked(_with_near(own, _near(own, stated, screened, noise), noise, most, progress, share=share))
 
 
-def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[list[_Screened], list[_Screened]]:
-    """Changes where linear effects do not hold within the noise with what is stated: those that may be near, and those
+def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened, list[_Screened], list[_Screened]]:
+    """What is stated, where linear effects do not hold within the noise with it, changes that may be near, and those
     ahead, the nearest first.
 
     All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
@@ -146,16 +148,22 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[list[_Scr
     """
     measurement = stated.change.contest.measurement
     wide = Noise(WIDE * measurement.rms)
-    level = _screened(stated.change, wide).end.cost
-    possible = [one for one in (_screened(change, wide) for change in changes) if one.end.cost < level + TIE]
+    level = _screened(stated.change, wide)
+    stated = min(stated, _exactly(level), key=lambda one: one.end.cost)
+    possible = [one for one in (_screened(change, wide) for change in changes) if one.end.cost < level.end.cost + TIE]
     possible.sort(key=lambda one: one.cost)
-    screened = [_screened(one.change, NO_NOISE, start=one.end.point) for one in possible]
+    screened = [_exactly(one) for one in possible]
     ahead = [
         exact
         for rough, exact in zip(possible, screened, strict=True)
-        if _holds(exact) or rough.end.cost < HALVED * level or exact.end.cost < HALVED * stated.end.cost
+        if _holds(exact) or rough.end.cost < HALVED * level.end.cost or exact.end.cost < HALVED * stated.end.cost
     ]
-    return screened, sorted(ahead, key=lambda one: (0, one.cost) if _holds(one) else (1, 0.0))
+    return stated, screened, sorted(ahead, key=lambda one: (0, one.cost) if _holds(one) else (1, 0.0))
+
+
+def _exactly(rough: _Screened) -> _Screened:
+    """The fit under the noise of the table, begun where that under a wide one ended."""
+    return _screened(rough.change, NO_NOISE, start=rough.end.point)
 
 
 def _misses(own: Alternative) -> bool:
@@ -196,14 +204,24 @@ def _without_what_is_stated(stated: _Screened, ahead: list[_Screened], most: int
 
 
 def _with_near(
-    first: Alternative, near: list[_Screened], noise: Noise, most: int, progress: Progress
+    first: Alternative,
+    near: list[_Screened],
+    noise: Noise,
+    most: int,
+    progress: Progress,
+    *,
+    share: float = math.inf,
 ) -> list[Alternative]:
-    """An answer, and changes searched, the nearest first, until the next is out of reach of what was found."""
+    """An answer, and changes searched, the nearest first, until the next is out of reach of what was found.
+    **Arguments:** ``share``: linearisations for each of them.
+    """
     found, holds = [first], first.misfit <= noise.allowance
     for one in near:
-        if one.change.contest.budget.exhausted or (holds and -one.cost < max(_least(other, noise) for other in found)):
+        budget = one.change.contest.budget
+        if budget.exhausted or (holds and -one.cost < max(_least(other, noise) for other in found)):
             break
-        other = _searched(one.change, most, progress)
+        with budget.share(share):
+            other = _searched(one.change, most, progress)
         # Of an unknown noise each alternative has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
             found.append(other)
