@@ -23,6 +23,7 @@ from .discovery.story import tell as tell
 from .errors import InputError as InputError
 from .inference.estimates import Estimate as Estimate
 from .model.conditions import Conditions as Conditions
+from .model.conditions import HarmonicBalance as HarmonicBalance
 from .model.conditions import Layout as Layout
 from .model.conditions import Probes as Probes
 from .model.contract import AbstractRotor as AbstractRotor

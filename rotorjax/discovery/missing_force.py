@@ -18,7 +18,7 @@ from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.inference.linear_rotor import LinearRotor, Sight
 from rotorjax.model.contract import WaveformEffect
 from rotorjax.model.model import Model
-from rotorjax.physics.harmonic_balance import Grid, make_grid
+from rotorjax.physics.harmonic_balance import Grid, grid_of
 from rotorjax.physics.steady_state import positions
 from rotorjax.units import MICROMETRE
 
@@ -123,7 +123,7 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
             "rig file"
         )
     full = model.with_orders(measurement.orders)
-    grid = make_grid(measurement.orders)
+    grid = grid_of(full)
     rotor = LinearRotor(full)
     sight = rotor.sight(measurement.conditions)
     both, usable = _seen(sight, measurement)
@@ -137,7 +137,7 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
             "only one direction was measured: the force needs the motion along x and along y in the same case",
         )
     motion, whitening, covariance, measured = _motion(
-        rotor, measurement, sight, both & usable[:, None], noise_allowance
+        rotor, measurement, sight, both & usable[:, None], noise_allowance, grid
     )
     forces = ForceBalance(full)
     errors, slopes = (part[0] for part in forces.at(forces.values[None], measurement.conditions, motion, measured))
@@ -163,7 +163,12 @@ def _seen(sight: Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "cas
 
 
 def _motion(
-    rotor: LinearRotor, measurement: Measurement, sight: Sight, seen: Bool[np.ndarray, "case order"], allowance: float
+    rotor: LinearRotor,
+    measurement: Measurement,
+    sight: Sight,
+    seen: Bool[np.ndarray, "case order"],
+    allowance: float,
+    grid: Grid,
 ) -> tuple[
     Float[np.ndarray, "case dof coefficient"],
     Float[np.ndarray, "case equation equation"],
@@ -180,7 +185,7 @@ def _motion(
     along = np.where(real[None, :, None, None], np.real(sees), sees)
     inverse = np.linalg.pinv(along * weight[..., None])
     disk = np.einsum("cnip,cnp->cni", inverse, weight * np.where(real[None, :, None], miss.real, miss))
-    positions = _positions(make_grid(measurement.orders), measurement.orders)
+    positions = _positions(grid, measurement.orders)
     measured = np.concatenate(positions)
     motion = sight.free.copy()
     covariance = np.zeros((len(motion), 2, len(measured), 2, len(measured)))

@@ -23,7 +23,7 @@ from rotorjax.model.conditions import Conditions, Probes
 from rotorjax.model.contract import ReadingEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
-from rotorjax.physics.harmonic_balance import Grid, make_grid
+from rotorjax.physics.harmonic_balance import Grid, grid_of
 from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.restoring_forces import Inputs, force_slopes, parameters_of
 from rotorjax.physics.steady_state import Ready, by_order
@@ -43,7 +43,7 @@ class ForceBalance:
     """All forces of the catalogue and all terms, with those of a model; what only changes the reading is left out."""
 
     def __init__(self, model: Model) -> None:
-        grid = make_grid(model.layout.orders)
+        grid = grid_of(model)
         own = [e for e in model.effects if not isinstance(e, ReadingEffect | WaveformEffect)]
         classes = {
             name: cls for name, cls in (CATALOG | TERMS).items() if not issubclass(cls, ReadingEffect | WaveformEffect)
@@ -86,8 +86,8 @@ class ForceBalance:
 def _balance(
     model: Model, values: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
 ) -> tuple[Array, ...]:
-    orders = model.layout.orders
-    grid = Grid(orders, turns=round(1.0 / orders[1]))
+    orders, settings = model.layout.orders, model.harmonic_balance
+    grid = Grid(orders, round(1.0 / orders[1]), settings.samples, settings)
     _, unravel = ravel_pytree(model.effects)
 
     def row(values: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Vector, Matrix, Inputs]:

@@ -26,7 +26,7 @@ from rotorjax.inference.kept_programs import kept_program
 from rotorjax.inference.space import Space
 from rotorjax.model.conditions import Conditions, Layout
 from rotorjax.model.model import Model
-from rotorjax.physics.harmonic_balance import Grid, make_grid
+from rotorjax.physics.harmonic_balance import Grid, grid_of
 from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.physics.response import linear_vectors
@@ -105,7 +105,7 @@ class Kernels:
 
     def __init__(self, space: Space) -> None:
         orders = space.model.layout.orders
-        self.grid: Grid = make_grid(orders)
+        self.grid: Grid = grid_of(space.model)
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
         bare = dataclasses.replace(space, model=nameless(space.model), entries=())
         self._linear = compiled(_linear, bare, space.model, LINEAR_CHUNK)
@@ -336,7 +336,7 @@ def _balanced(
     space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
 ) -> tuple[Array, ...]:
     model = space.model
-    grid = make_grid(model.layout.orders)
+    grid = grid_of(model)
 
     def row(
         u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array, *, any_wanted: bool
@@ -378,7 +378,7 @@ def _refined(
 ) -> tuple[Array, Array]:
     del columns
     model = space.model
-    grid = make_grid(model.layout.orders)
+    grid = grid_of(model)
 
     def row(u: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, Array, Matrix, Inputs]:
         ready = Ready.of(space.at(u), Conditions(speed, unbalance, bow)).finer

@@ -21,7 +21,7 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
-from rotorjax.physics.harmonic_balance import make_grid, to_real
+from rotorjax.physics.harmonic_balance import grid_of, to_real
 from rotorjax.physics.planar import Vector
 from rotorjax.physics.response import linear_vectors
 from rotorjax.physics.steady_state import by_order, in_space, positions, without_timed
@@ -76,7 +76,7 @@ class LinearRotor:
 
 
 def _linear_rotor(model: Model, speed: Array, unbalance: Array, bow: Array) -> tuple[Array, ...]:
-    grid = make_grid(model.layout.orders)
+    grid = grid_of(model)
     index = np.array(positions(model.layout.orders, grid))
     whole = model.with_orders(grid.orders)
     on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))

@@ -133,7 +133,7 @@ class RotorInTime:
 
 
 def _matrices(model: Model, speed: Array) -> tuple[Array, ...]:
-    grid = make_grid((1.0,))
+    grid = make_grid((1.0,), model.harmonic_balance)
     whole = model.with_orders(grid.orders)
     nothing = Conditions(jnp.zeros(()), jnp.zeros((len(model.layout.planes), 2)), jnp.zeros(2))
 

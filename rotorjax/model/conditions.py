@@ -37,6 +37,29 @@ class Layout(NamedTuple):
         return tuple(f"{order:g}X" for order in self.orders)
 
 
+class HarmonicBalance(NamedTuple):
+    """How finely the steady state is balanced under forces that depend on motion."""
+
+    least_order: int = 7
+    """Highest order balanced, at least: a crack at a third of the resonance needs 7X."""
+    margin: int = 4
+    """Orders balanced beyond the highest one of the model."""
+    fine_order: int = 24
+    """Highest order in the steps that end it: a hard stop needs them, but Newton's method not."""
+    samples: int = 64
+    """Instants per turn of the shaft while a motion is looked for."""
+    fine_samples: int = 256
+    """The same in the steps that end it: corners fall between instants."""
+    tolerance: float = 1e-6
+    """Of the last change but one, relative to the size of the motion: Newton's method squares it."""
+    newton_steps: int = 12
+    """Of Newton's method, at most."""
+    corrections: int = 24
+    """Most steps with the last Jacobian at more orders and instants."""
+    diverges: float = 4.0
+    """How much larger than the smallest so far one of these may be."""
+
+
 class Conditions(eqx.Module):
     """Operating conditions: how fast, and what is deliberately installed. Make one with `Conditions.at`."""
 

@@ -1,5 +1,6 @@
 """The model that carries effects: a rotor, its probes and planes, and what `+` means."""
 
+import dataclasses
 import functools
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ else:
     pass
 
 
-from rotorjax.model.conditions import Layout, Probes, _two_probes
+from rotorjax.model.conditions import HarmonicBalance, Layout, Probes, _two_probes
 from rotorjax.model.contract import AbstractRotor, Effect
 
 
@@ -43,6 +44,7 @@ class Model(eqx.Module, Shown):
     """Speed [rad/s] of the slow roll that was subtracted from every vector, if one was."""
     effects: tuple[Effect, ...] = ()
     layout: Layout = eqx.field(static=True, default=Layout())
+    harmonic_balance: HarmonicBalance = eqx.field(static=True, default=HarmonicBalance())
 
     def __check_init__(self) -> None:
         if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (
@@ -81,7 +83,7 @@ class Model(eqx.Module, Shown):
         if orders == self.layout.orders:
             return self
         layout = self.layout._replace(orders=orders)
-        bare = Model(self.rotor, self.probes, self.participation, self.slow_roll, (), layout)
+        bare = dataclasses.replace(self, effects=(), layout=layout)
         for effect in self.effects:
             bare = bare + effect.replaced(list(self._reordered(effect, orders)))
         return bare
@@ -100,5 +102,4 @@ class Model(eqx.Module, Shown):
             yield jnp.stack(kept, axis)
 
     def _with_effects(self, effects: list[Effect]) -> "Model":
-        ordered = tuple(sorted(effects, key=lambda e: e.name))
-        return Model(self.rotor, self.probes, self.participation, self.slow_roll, ordered, self.layout)
+        return dataclasses.replace(self, effects=tuple(sorted(effects, key=lambda e: e.name)))

@@ -12,8 +12,6 @@ import numpy as np
 from jax import Array
 
 from rotorjax.physics.harmonic_balance import (
-    NEWTON_STEPS,
-    TOLERANCE,
     Coefficients,
     System,
     columns_of,
@@ -98,7 +96,7 @@ def _across(system: System, path: _Path) -> tuple[_Path, Array]:
     """The steady state on the plane through a point across its direction, with the direction of the path there; and
     whether there is one.
     """
-    size, least = size_of(system), Shares(*jnp.asarray(BEGINNINGS)[path.number])
+    size, settings, least = size_of(system), system.settings, Shares(*jnp.asarray(BEGINNINGS)[path.number])
     more = Shares(*(whole - part for whole, part in zip(WHOLE, least, strict=True)))
 
     braking = jax.vmap(system.brake)(jnp.eye(path.motion.size).reshape(-1, *path.motion.shape))
@@ -119,10 +117,10 @@ def _across(system: System, path: _Path) -> tuple[_Path, Array]:
 
     begin = (path.motion, path.share, jnp.asarray(jnp.inf), jnp.asarray(0), path.motion)
     motion, share, change, _, slope = jax.lax.while_loop(
-        lambda s: (s[3] < NEWTON_STEPS) & (s[2] > TOLERANCE), step, begin
+        lambda s: (s[3] < settings.newton_steps) & (s[2] > settings.tolerance), step, begin
     )
     onward = jnp.where(path.rise < jnp.sum(path.along * slope), -1.0, 1.0) / jnp.sqrt(jnp.sum(slope**2) + 1.0)
-    return path._replace(motion=motion, share=share, along=-onward * slope, rise=onward), change <= TOLERANCE
+    return path._replace(motion=motion, share=share, along=-onward * slope, rise=onward), change <= settings.tolerance
 
 
 def _advanced(system: System, path: _Path) -> _Path:

@@ -17,26 +17,11 @@ from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax.errors import InputError
+from rotorjax.model.conditions import HarmonicBalance
+from rotorjax.model.model import Model
 
-LEAST_ORDER, MARGIN = 7, 4
-"""Orders up to 7X are balanced (a crack at a third of the resonance needs them), or up to four beyond the highest one
-measured.
-"""
-FINE_ORDER = 24
-"""Orders up to 24X are balanced in the steps that end it: a hard stop needs them, but Newton's method not."""
-SAMPLES, FINE_SAMPLES = 64, 256
-"""Instants per turn of the shaft, while a motion is looked for, and in the steps that end it: corners fall between
-instants.
-"""
 PARTS = (1, 2, 3, 4)
 """A period may be this many turns, for orders 1/2, 1/3, 1/4."""
-TOLERANCE = 1e-6
-"""Of the last change but one, relative to the size of the motion: Newton's method squares it."""
-NEWTON_STEPS = 12
-CORRECTIONS, DIVERGES = 24, 4.0
-"""Most steps with the last Jacobian at more orders and instants, and how much larger than the smallest so far one may
-be.
-"""
 SMALLEST_MOTION = 1e-9
 """Size [m] below which a motion counts as rest when tolerances are set."""
 BALANCED, NOT_BALANCED, UNSTABLE = 0, 1, 2
@@ -50,8 +35,9 @@ class Grid(NamedTuple):
     """Multiples of the base order, zero first."""
     turns: int
     """Turns of the shaft in one period."""
-    samples: int = SAMPLES
+    samples: int
     """Instants per turn."""
+    settings: HarmonicBalance
 
     @property
     def order_array(self) -> Float[np.ndarray, "order"]:
@@ -66,8 +52,9 @@ class Grid(NamedTuple):
     @property
     def finer(self) -> "Grid":
         """More orders, and more instants."""
-        highest = max(FINE_ORDER * self.turns, len(self.orders) - 1)
-        return Grid(tuple(k / self.turns for k in range(highest + 1)), self.turns, FINE_SAMPLES)
+        highest = max(self.settings.fine_order * self.turns, len(self.orders) - 1)
+        orders = tuple(k / self.turns for k in range(highest + 1))
+        return self._replace(orders=orders, samples=self.settings.fine_samples)
 
     def synthesis(self, angle: Float[np.ndarray, "instant"]) -> Float[np.ndarray, "coefficient instant"]:
         """Waveform of each coefficient."""
@@ -99,14 +86,14 @@ class Grid(NamedTuple):
         angle, orders = self.angle, range(2 * len(self.orders) - 1)
         modes = np.eye(len(angle))
         if 2 * len(orders) - 1 < len(angle):
-            whole = Grid(tuple(k / self.turns for k in orders), self.turns, self.samples).synthesis(angle)
+            whole = self._replace(orders=tuple(k / self.turns for k in orders)).synthesis(angle)
             modes = (whole / np.linalg.norm(whole, axis=1, keepdims=True)).T
         both = np.stack([self.synthesis(angle), self.slope(angle)])
         return modes, np.einsum("sm,sb,kcs->kmbc", modes, self.analysis(), both, optimize=True)
 
 
 @functools.lru_cache
-def make_grid(orders: tuple[float, ...]) -> Grid:
+def make_grid(orders: tuple[float, ...], settings: HarmonicBalance) -> Grid:
     """The grid that holds these orders.
 
     **Errors.** `InputError` for an order that is no multiple of 1, 1/2, 1/3 or 1/4.
@@ -118,8 +105,13 @@ def make_grid(orders: tuple[float, ...]) -> Grid:
             f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4; leave "
             "the others out"
         )
-    highest = max(LEAST_ORDER, math.ceil(max(orders)) + MARGIN)
-    return Grid(tuple(k / turns for k in range(highest * turns + 1)), turns)
+    highest = max(settings.least_order, math.ceil(max(orders)) + settings.margin)
+    return Grid(tuple(k / turns for k in range(highest * turns + 1)), turns, settings.samples, settings)
+
+
+def grid_of(model: Model) -> Grid:
+    """The grid of a model."""
+    return make_grid(model.layout.orders, model.harmonic_balance)
 
 
 def to_complex(coefficients: Float[Array, "*dof coefficient"]) -> Complex[Array, "*dof order"]:
@@ -163,6 +155,7 @@ class System(NamedTuple):
     """Motion of the linear rotor under its own excitation."""
     brake: Along
     """Coefficients of the force of a strong viscous brake along a motion."""
+    settings: HarmonicBalance
 
 
 def _miss(system: System, motion: Coefficients) -> Coefficients:
@@ -206,7 +199,7 @@ def _newton(system: System, start: Coefficients, tolerance: Array) -> Root:
 
     def going(state: tuple[Array, Array, Array, Array]) -> Array:
         # A change that is not a number ends it too.
-        return (state[2] < NEWTON_STEPS) & (state[1] > tolerance)
+        return (state[2] < system.settings.newton_steps) & (state[1] > tolerance)
 
     begin = (start, jnp.asarray(jnp.inf), jnp.asarray(0), jnp.zeros((start.size, start.size)))
     point, change, _, by_miss = jax.lax.while_loop(going, step, begin)
@@ -238,7 +231,7 @@ def size_of(system: System) -> Array:
 
 
 def _tolerance(system: System) -> Array:
-    return TOLERANCE * size_of(system)
+    return system.settings.tolerance * size_of(system)
 
 
 def balance(system: System, frozen: System, finer: System, start: Coefficients) -> Balance:
@@ -279,7 +272,7 @@ def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: A
 
     By the inverse of a Jacobian of these orders; those above follow the force, which their inertia withstands.
     """
-    count = motion.shape[1]
+    count, settings = motion.shape[1], finer.settings
 
     def step(state: tuple[Array, ...]) -> tuple[Array, ...]:
         point, best, smallest, _, made = state
@@ -291,15 +284,17 @@ def _corrected(finer: System, by_miss: Array, motion: Coefficients, tolerance: A
             point,
             jnp.where(size < smallest, point, best),
             jnp.minimum(size, smallest),
-            size < DIVERGES * smallest,
+            size < settings.diverges * smallest,
             made + 1,
         )
 
     wide = _widened(motion, finer)
     begin = (wide, wide, jnp.asarray(jnp.inf), jnp.asarray(True), jnp.asarray(0))
-    return jax.lax.while_loop(lambda state: state[3] & (state[2] > tolerance) & (state[4] < CORRECTIONS), step, begin)[
-        1
-    ][:, :count]
+
+    def going(state: tuple[Array, ...]) -> Array:
+        return state[3] & (state[2] > tolerance) & (state[4] < settings.corrections)
+
+    return jax.lax.while_loop(going, step, begin)[1][:, :count]
 
 
 def settled(system: System, start: Coefficients, finer: System | None = None) -> Coefficients:

@@ -16,7 +16,7 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import AbstractRotor, RestoringEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.floquet import largest_multiplier
-from rotorjax.physics.harmonic_balance import BALANCED, NOT_BALANCED, SMALLEST_MOTION, UNSTABLE, Grid, make_grid
+from rotorjax.physics.harmonic_balance import BALANCED, NOT_BALANCED, SMALLEST_MOTION, UNSTABLE, Grid, grid_of
 from rotorjax.physics.restoring_forces import restoring
 from rotorjax.physics.steady_state_search import DISTINCT, Found, let_go, steady_states_found
 from rotorjax.units import RPM
@@ -200,7 +200,7 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     cases = _cases(found)
     others: tuple[tuple[SteadyState, ...], ...] = ((),) * len(cases)
     if timed:
-        grid = make_grid(model.layout.orders)
+        grid = grid_of(model)
         others = tuple(case.others(grid) for case in _settling(model, conditions, found, cases))
     good = np.array([case.there(0) for case in cases], bool)
     multiplier = np.where(good, np.array([case.multipliers[0] for case in cases]), np.nan)

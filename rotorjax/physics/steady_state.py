@@ -23,7 +23,7 @@ from rotorjax.physics.harmonic_balance import (
     Grid,
     System,
     balance,
-    make_grid,
+    grid_of,
     settled,
     to_complex,
     to_real,
@@ -147,7 +147,7 @@ def restoring_system(model: Model, condition: Conditions, grid: Grid, assembled:
         size = 2.0 * jnp.sqrt(model.rotor.mass * jnp.mean(model.rotor.stiffness))
         return to_real(size * condition.speed * 1j * jnp.asarray(grid.orders)[None] * to_complex(coefficients))
 
-    return System(moved, lacking, force, slopes, moved(drive), brake)
+    return System(moved, lacking, force, slopes, moved(drive), brake, grid.settings)
 
 
 def _per_coefficient(factors: Complex[Array, "*many order"]) -> Float[Array, "*many coefficient coefficient"]:
@@ -172,7 +172,7 @@ class Ready(NamedTuple):
     @classmethod
     def of(cls, model: Model, condition: Conditions) -> "Ready":
         """The case at the speed of a condition as tabulated."""
-        grid = make_grid(model.layout.orders)
+        grid = grid_of(model)
         whole = model.with_orders(grid.orders)
         condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
         return cls(whole, condition, grid, *by_order(whole, condition, grid))

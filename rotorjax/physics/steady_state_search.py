@@ -20,7 +20,7 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
 from rotorjax.physics.floquet import monodromy, slopes_at_gauss_points
-from rotorjax.physics.harmonic_balance import SAMPLES, Coefficients, in_full, make_grid, settled, to_complex, to_real
+from rotorjax.physics.harmonic_balance import Coefficients, in_full, make_grid, settled, to_complex, to_real
 from rotorjax.physics.response import TOGETHER, vectors
 from rotorjax.physics.restoring_forces import restoring
 from rotorjax.physics.steady_state import Ready, by_order, fraction_push, timed_vectors
@@ -168,11 +168,11 @@ def _linear(ready: Ready) -> Linear:
 def _alone(model: Model, condition: Conditions) -> Found:
     """The only steady state of a case without such forces."""
     shown = vectors(model, jax.tree.map(lambda leaf: leaf[None], condition))
-    grid = make_grid((1.0,))
+    grid = make_grid((1.0,), model.harmonic_balance)
     condition = _at(condition, true_speed(model, condition.speed))
     assembled, _ = by_order(model.with_orders(grid.orders), condition, grid)
     linear = linear_in_time(model, assembled, condition.speed * jnp.asarray(grid.orders))
-    whole = monodromy(linear, jnp.zeros((2, SAMPLES, 2, 2, 2)), 2.0 * math.pi / condition.speed)
+    whole = monodromy(linear, jnp.zeros((2, grid.samples, 2, 2, 2)), 2.0 * math.pi / condition.speed)
     return Found(shown, jnp.zeros((1, 2, 1), complex), whole[None], linear.exists, jnp.zeros_like(shown[0]))
 
 

@@ -15,8 +15,9 @@ LAYERS = [
 LEVEL = {name: level for level, name in enumerate(LAYERS)}
 PUBLIC = {
     "AbstractRotor", "Cell", "Comparison", "Conditions", "Diagnosis", "Effect", "Estimate", "Excitation",
-    "ExcitationEffect", "Explanation", "Fault", "Fit", "InputError", "Jeffcott", "Knowledge", "Layout", "Matrices",
-    "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading", "ReadingEffect", "Rig", "Rival",
+    "ExcitationEffect", "Explanation", "Fault", "Fit", "HarmonicBalance", "InputError", "Jeffcott",
+    "Knowledge", "Layout", "Matrices", "MatrixEffect", "Measurement", "Model", "OperatingPoint", "Probes", "Reading",
+    "ReadingEffect", "Rig", "Rival",
     "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain",
     "fit", "fit_steps", "Instant", "RestoringEffect", "WaveformEffect", "parameter", "read_measurement", "read_rig",
     "response", "rivals", "tell",

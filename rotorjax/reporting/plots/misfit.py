@@ -9,7 +9,6 @@ from matplotlib.colors import LogNorm
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
-from rotorjax.physics.harmonic_balance import SAMPLES
 from rotorjax.reporting.plots.canvas import COLOURS, plain, with_room
 from rotorjax.reporting.wording import percent
 from rotorjax.units import MICROMETRE
@@ -160,9 +159,8 @@ def missing_force(
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.set(xlabel=label, ylabel=f"force missing along {name}, N")
     if over == "angle":
-        axes.set(
-            xlim=(0.0, 360.0 * len(found.angle) / SAMPLES), xticks=np.arange(0, 361, 90) * len(found.angle) // SAMPLES
-        )
+        period = len(found.angle) * np.degrees(found.angle[1])
+        axes.set(xlim=(0.0, period), xticks=np.linspace(0.0, period, 5))
     if largest:
         axes.set_ylim(with_room(found.force[largest]))
     if largest and legend:
