@@ -88,11 +88,7 @@ def _compare(sub: argparse.ArgumentParser) -> None:
 
 
 def _explain(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("data", type=Path, nargs="?", metavar="DATA.csv", help="measurement table, with --rig")
-    rig = "rig file: rotor, probes, what was installed in each run"
-    sub.add_argument("--rig", type=Path, metavar="RIG.toml", help=rig)
-    what = "instead of table and rig file: a rig file whose [recordings] name recordings in time"
-    sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
+    _inputs(sub)
     _race(sub)
     _outputs(sub, "write the explained model as a rig file")
 
@@ -156,13 +152,15 @@ def _vectors(sub: argparse.ArgumentParser) -> None:
 
 
 def _inputs(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("data", type=Path, metavar="DATA.csv", help="measurement table")
-    _rig(sub)
+    sub.add_argument("data", type=Path, nargs="?", metavar="DATA.csv", help="measurement table, with --rig")
+    _rig(sub, required=False)
+    what = "instead of table and rig file: a rig file whose [recordings] name recordings in time"
+    sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
 
 
-def _rig(sub: argparse.ArgumentParser) -> None:
+def _rig(sub: argparse.ArgumentParser, *, required: bool = True) -> None:
     what = "rig file: rotor, probes, what was installed in each run"
-    sub.add_argument("--rig", type=Path, required=True, metavar="RIG.toml", help=what)
+    sub.add_argument("--rig", type=Path, required=required, metavar="RIG.toml", help=what)
 
 
 def _outputs(sub: argparse.ArgumentParser, rig: str) -> None:

@@ -1,9 +1,10 @@
 """One function for each command."""
 
 import argparse
+import contextlib
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,13 +28,14 @@ LARGEST_SEED = 2**31 - 1
 
 def compare(options: argparse.Namespace) -> None:
     """The model against a measurement, effects added one after the other."""
+    source = table_or_recordings(options)
     check_outputs(options)
     use_double_precision()
     from rotorjax.discovery.story import tell
     from rotorjax.reporting.comparison import comparison_text
     from rotorjax.reporting.comparison_json import comparison_json
 
-    rig, measurement = _read(options)
+    rig, measurement = _measured(options)
     slip, named = parse_slip(options.effect, rig.model, measurement)
     additions, fixed = parse_effects(named, rig.model.with_orders(measurement.orders))
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
@@ -49,7 +51,7 @@ def compare(options: argparse.Namespace) -> None:
         story.final_model,
         comparison_json(story),
         story,
-        f"{options.data.name} against {options.rig.name}",
+        source.name if options.recordings else f"{source.name} against {options.rig.name}",
         story.slip,
     )
 
@@ -92,7 +94,7 @@ def explain(options: argparse.Namespace) -> None:
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
-        rig, measurement = read_recorded(options, progress) if options.recordings else _read(options)
+        rig, measurement = _measured(options, progress)
         refuse_what_cannot_be_missing(only or (), rig, measurement)
         found = explain(
             rig.model,
@@ -117,16 +119,17 @@ def explain(options: argparse.Namespace) -> None:
 
 def diagnose(options: argparse.Namespace) -> None:
     """Unbalance and bow of every run."""
+    source = table_or_recordings(options)
     check_outputs(options)
     use_double_precision()
     from rotorjax.diagnosis.inverse import diagnose
     from rotorjax.reporting.diagnosis import diagnosis_json, diagnosis_text
 
-    rig, measurement = _read(options)
+    rig, measurement = _measured(options)
     try:
         diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
     except ValueError as error:
-        raise InputError(f"{options.data}: {error}") from error
+        raise InputError(f"{source}: {error}") from error
     say(diagnosis_text(diagnosis, rig, measurement, width=terminal_width()))
     if options.json:
         _write_json(options.json, diagnosis_json(diagnosis, rig, measurement))
@@ -198,7 +201,15 @@ def example(options: argparse.Namespace) -> None:
     say(wrapped(write_example(options.folder, recordings=options.recordings), terminal_width()))
 
 
-def _read(options: argparse.Namespace) -> "tuple[Rig, Measurement]":
+def _measured(
+    options: argparse.Namespace, progress: "Callable[[str], None] | None" = None
+) -> "tuple[Rig, Measurement]":
+    """Rig file and vectors, from a table or from recordings. **Arguments:** ``progress`` of the recordings; a line of
+    their own without it.
+    """
+    if options.recordings:
+        with progress_line() if progress is None else contextlib.nullcontext(progress) as told:
+            return read_recorded(options, told)
     from rotorjax.data.rig import read_rig
 
     rig = read_rig(options.rig)

@@ -333,12 +333,20 @@ def test_vectors_then_explain_and_explain_at_once(tmp_path, capsys):
     assert set(told["effects"]) == {"residual_unbalance", "cross_coupling"}
     cross = told["steps"][-1]["parameters"]["cross_coupling"]["cross_stiffness_n_per_m"]
     assert cross["value"] == pytest.approx(1200.0, abs=3.0 * cross["standard_error"])
+    for inputs in ([str(table), "--rig", str(rig)], ["--recordings", str(rig)]):
+        capsys.readouterr()
+        assert main(["diagnose", *inputs]) == 0
+        assert "baseline                9.1 ± 0.6     46.8 ± 3.6" in capsys.readouterr().out
+        assert main(["compare", *inputs]) == 0
+        assert "differs from the measurement by 38.4 µm rms" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["explain"], "give a table and its rig file"),
+        (["compare", "a.csv"], "give a table and its rig file"),
+        (["diagnose", "--rig", "rig.toml", "--recordings", "rig.toml"], "leave one of the two out"),
         (["explain", "a.csv", "--recordings", "rig.toml"], "leave one of the two out"),
         (["vectors", "--output", "o.csv"], "name the rig file alone"),
         (["vectors", "a.csv", "b.csv", "--output", "o.csv"], "name the rig file alone"),
