@@ -2,15 +2,23 @@
 
     python docs/generate.py
 
-writes to build/docs, where `docs/hooks.py` finds them.
+writes to build/docs, where `docs/hooks.py` finds them. Pictures of the gallery are compared with small ones kept in
+`docs/expected`; where one looks different the script names it and exits with 1. What was looked at and is as it should
+be is kept with
+
+    python docs/generate.py --accept
 """
 
+import argparse
 import inspect
 import re
 import shutil
+import sys
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 from signatures import DRAWN, signature
 
 from rotorjax import (
@@ -31,7 +39,14 @@ from rotorjax.reporting.catalogue import prior_text
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTPUT = ROOT / "build" / "docs"
+EXPECTED = ROOT / "docs" / "expected"
 DPI = 130
+SMALL_WIDTH = 240
+"""Pixels across a small picture."""
+ALIKE = 4.0
+"""Largest root mean square difference of two small pictures, in grey levels of 255: another version of the fonts makes
+1 to 2, a line or a legend elsewhere more than 6.
+"""
 FAMILIES = {
     "excitation": "what drives the rotor besides what was installed on purpose",
     "structure": "what rotor and support do differently from the nominal rotor",
@@ -52,6 +67,9 @@ _PICTURE = re.compile(r"^```python(?: title=\"([\w-]+)\.png\")?\n(.*?)^```$", re
 
 def main() -> None:
     """Write everything anew."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--accept", action="store_true", help="keep what the pictures look like now")
+    accept = parser.parse_args().accept
     use_double_precision()
     shutil.rmtree(OUTPUT, ignore_errors=True)
     for name, cls in CATALOG.items():
@@ -60,6 +78,12 @@ def main() -> None:
         _write(f"catalogue/{name}.md", effect_page(cls, values))
     _write("catalogue/index.md", index_page())
     draw_gallery((ROOT / "docs" / "gallery.md").read_text(encoding="utf-8"))
+    if accept:
+        keep_small()
+    elif different := look_different():
+        sys.exit(
+            f"These pictures look different: {', '.join(different)}. Look at them, then --accept them or mend them."
+        )
 
 
 def effect_page(cls: type[Effect], values: dict[str, str]) -> str:
@@ -147,6 +171,37 @@ def draw_gallery(page: str) -> None:
         if title:
             drawn = names.pop("drawn", None) or names["ax"].figure  # type: ignore[attr-defined]
             _save(drawn, f"pictures/{title}.png")  # type: ignore[arg-type]
+
+
+def keep_small() -> None:
+    """Write small pictures of the gallery in the place of those kept."""
+    shutil.rmtree(EXPECTED, ignore_errors=True)
+    EXPECTED.mkdir()
+    for path in sorted((OUTPUT / "pictures").glob("*.png")):
+        _small(path).save(EXPECTED / path.name, optimize=True)
+
+
+def look_different() -> list[str]:
+    """Pictures of the gallery that do not look as those kept, or have no counterpart."""
+    drawn = {path.name: path for path in (OUTPUT / "pictures").glob("*.png")}
+    kept = {path.name: path for path in EXPECTED.glob("*.png")}
+    return sorted(
+        name
+        for name in drawn.keys() | kept.keys()
+        if name not in drawn or name not in kept or not _alike(_small(drawn[name]), Image.open(kept[name]))
+    )
+
+
+def _small(path: Path) -> Image.Image:
+    whole = Image.open(path).convert("L")
+    return whole.resize((SMALL_WIDTH, round(whole.height * SMALL_WIDTH / whole.width)), Image.Resampling.LANCZOS)
+
+
+def _alike(one: Image.Image, other: Image.Image) -> bool:
+    if one.size != other.size:
+        return False
+    difference = np.asarray(one, float) - np.asarray(other, float)
+    return bool(np.sqrt(np.mean(difference**2)) < ALIKE)
 
 
 def _formula(cls: type[Effect]) -> str:

@@ -47,8 +47,10 @@ UNEXPLAINED = 0.01
 MOST_LEADERS = 3
 """Ties, one after the other, that turn out more probable than the answer and take its place."""
 
-LINEARISATIONS = 700_000
+LINEARISATIONS = 750_000
 """Single cases that an explanation may linearise."""
+FOR_THE_FORCE = 50_000
+"""Of them kept for the force that is missing, where nothing explains, however long the search took."""
 
 
 def explain(  # noqa: PLR0913
@@ -95,6 +97,7 @@ def explain(  # noqa: PLR0913
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
     telling = Telling(progress, limit)
+    telling.budget.reserve(FOR_THE_FORCE)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
     stated = _as_stated(contest, full)
     written = race_of_slips(contest, kinds, max_effects, told, always=slips is True)
@@ -173,6 +176,7 @@ def _answer(
     if selection.small:
         last = fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
     verdict = _verdict(selection, ties, p, last, contest, confirmed=story.confirmed)
+    contest.budget.release()
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
     if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"

@@ -210,7 +210,7 @@ def _with_near(
     most: int,
     progress: Progress,
     *,
-    share: float = math.inf,
+    share: float | int = math.inf,
 ) -> list[Alternative]:
     """An answer, and changes searched, the nearest first, until the next is out of reach of what was found.
     **Arguments:** ``share``: linearisations for each of them.

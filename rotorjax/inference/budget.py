@@ -11,7 +11,7 @@ class Budget:
     """
 
     def __init__(self, limit: int | None = None, *, watch: Callable[[int], None] = lambda _: None) -> None:
-        self.limit, self.spent, self._watch = limit, 0, watch
+        self.limit, self.spent, self._watch, self._reserved = limit, 0, watch, 0
 
     def spend(self, count: int) -> None:
         """Add to what is spent."""
@@ -27,6 +27,18 @@ class Budget:
     def left(self) -> float | int:
         """How many may still be."""
         return math.inf if self.limit is None else max(0, self.limit - self.spent)
+
+    def reserve(self, most: int) -> None:
+        """Keep ``most`` of the limit, a tenth of it at most, until they are released."""
+        if self.limit is not None:
+            self._reserved = min(most, self.limit // 10)
+            self.limit -= self._reserved
+
+    def release(self) -> None:
+        """What was reserved may be spent."""
+        if self.limit is not None:
+            self.limit += self._reserved
+        self._reserved = 0
 
     @contextlib.contextmanager
     def share(self, most: float | int) -> Iterator[None]:
