@@ -63,8 +63,6 @@ class Child:
         with contextlib.suppress(ProcessLookupError):
             process.kill()
         await process.wait()
-        # Its ends of the pipes are closed with it.
-        getattr(process, "_transport").close()  # noqa: B009
 
 
 def explaining() -> list[str]:

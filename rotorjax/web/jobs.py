@@ -69,7 +69,8 @@ class Job:
         if spent:
             self.spent, self.limit = (int(spent[name].replace(",", "")) for name in ("spent", "limit"))
         stage = line.partition(" (")[0]
-        if not self.stages or self.stages[-1][1] != stage:
+        # How far a file is read is told behind a comma.
+        if not self.stages or not f"{stage}, ".startswith(f"{self.stages[-1][1]}, "):
             self.stages.append((time.monotonic() - self.began, stage))
         self.line = line
 
@@ -124,7 +125,7 @@ class Jobs:
     def begin(self, given: Given, folder: Path) -> Job:
         """Explain what was received; the results of the explanation before are gone then."""
         self._discard()
-        recordings = {name: upload for name, upload in given.recordings.items()}
+        recordings = given.recordings
         shown = [given.rig.name, *([given.table.name] if given.table else []), *recordings]
         self.job = Job(shown, folder)
         ask = {

@@ -38,6 +38,8 @@ def serve(port: int, limits: Limits, *, told: Callable[[str], None], open_browse
             # A terminal that is closed ends the server as a regular end does, which removes its files.
             signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
         server.run(sockets=[listening])
+        # Where Ctrl-C is not Python's to begin with, as in the background of a script, nothing is raised.
+        raise KeyboardInterrupt
 
 
 def configuration(port: int, limits: Limits, command: list[str] | None = None) -> uvicorn.Config:

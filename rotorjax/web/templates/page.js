@@ -2,10 +2,13 @@
 // Files in, progress and report out. Whatever comes from files is shown as text, never as HTML.
 
 const EVERY_MS = 400;
+const CANCELLED = "Cancelled; nothing was kept.";
 const at = (id) => document.getElementById(id);
 let chosen = [];
 let shown = null; // the explanation whose result is on the page
 let watching = false;
+let sending = null; // how to stop it, while files are sent
+let followed = null; // the explanation that was seen to go on
 
 const made = (tag, text, className) => {
   const element = document.createElement(tag);
@@ -84,6 +87,7 @@ async function ask(path, options) {
     const content = await answer.json();
     return answer.ok ? content : { problems: content.problems, refused: true };
   } catch (error) {
+    if (error.name === "AbortError") return { problems: [CANCELLED], refused: true };
     const cure = "start rotorjax serve again, then reload this page";
     return { problems: [`The server does not answer any more: ${cure}.`], refused: true, gone: true };
   }
@@ -92,21 +96,27 @@ async function ask(path, options) {
 async function begin(path, body) {
   say([]);
   enable(true);
-  at("stage").textContent = "sending the files";
-  const answer = await ask(path, { method: "POST", body });
+  showProgress({ elapsed_s: 0, files: [], stages: [{ stage: "sending the files" }], line: "", limit: null });
+  sending = new AbortController();
+  const answer = await ask(path, { method: "POST", body, signal: sending.signal });
+  sending = null;
   if (answer.refused) {
     enable(false);
+    at("progress").hidden = true;
     say(answer.problems);
     return;
   }
   watch();
 }
 
-async function watch() {
+// Until the explanation has ended. What was refused or cancelled before the page was loaded is not shown again.
+async function watch(loaded = false) {
   watching = true;
   enable();
   for (;;) {
     const job = await ask("job");
+    if (loaded && !["running", "done"].includes(job.state) && !job.refused) break;
+    loaded = false;
     if (job.refused) {
       say(job.problems);
       at("progress").hidden = true;
@@ -124,21 +134,24 @@ async function watch() {
 
 function show(job) {
   if (job.state === "none") return;
-  at("progress").hidden = job.state !== "running";
+  at("progress").hidden = true;
   if (job.state === "running") showProgress(job);
   else if (job.state === "done") showResult(job);
   else {
     at("result").hidden = true;
-    say(job.state === "cancelled" ? ["Cancelled; nothing was kept."] : job.problems);
+    say(job.state === "cancelled" ? [CANCELLED] : job.problems);
   }
 }
 
 function showProgress(job) {
+  followed = job.id;
+  at("progress").hidden = false;
   at("result").hidden = true;
   at("elapsed").textContent = `${Math.round(job.elapsed_s)} s`;
   const more = job.files.length - 3;
-  at("of-what").textContent = job.files.slice(0, 3).join(", ") + (more > 0 ? ` and ${more} more` : "");
+  const files = job.files.slice(0, 3).join(", ") + (more > 0 ? ` and ${more} more` : "");
   const now = job.stages.length ? job.stages[job.stages.length - 1].stage : "loading";
+  at("of-what").textContent = job.line.startsWith("reading") && job.line !== now ? job.line : files;
   // Said once for each stage: what is renewed is read out again.
   if (at("stage").textContent !== now) at("stage").textContent = now;
   at("spent").hidden = job.limit === null;
@@ -168,7 +181,7 @@ function showResult(job) {
   at("save-report").href = at("open-report").href = at("report").src = `${results}/report.html`;
   at("save-rig").href = `${results}/explained.toml`;
   at("save-json").href = `${results}/explanation.json`;
-  at("result-head").focus();
+  if (followed === job.id) at("result-head").focus();
 }
 
 // The report is as high as it is, so that one thing scrolls.
@@ -210,6 +223,9 @@ at("given").addEventListener("submit", (event) => {
   begin("explain", form);
 });
 at("example").addEventListener("click", () => begin("example"));
-at("cancel").addEventListener("click", () => ask("cancel", { method: "POST" }));
+at("cancel").addEventListener("click", () => {
+  if (sending) sending.abort();
+  ask("cancel", { method: "POST" });
+});
 list();
-watch();
+watch(true);
