@@ -7,7 +7,7 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +21,7 @@ _SPENT = re.compile(r"(?P<stage>.*) \((?P<spent>[\d,]+) of (?P<limit>[\d,]+) lin
 """A line of progress with what is spent of the limit."""
 
 State = Literal["running", "done", "refused", "cancelled", "broken"]
+"""Refused is bad input, broken a defect or a process that has died."""
 
 
 class BusyError(InputError):
@@ -52,17 +53,22 @@ class Job:
     """Verdict, sentence and notes, once it is done."""
 
     def take(self, answer: dict[str, Any]) -> None:
-        """An answer of the process that explains."""
+        """An answer of the process that explains; none counts after the end."""
+        if self.state != "running":
+            return
         if "progress" in answer:
             self._goes_on(str(answer["progress"]))
         elif "done" in answer:
             self.state, self.found = "done", dict(answer["done"])
         elif "problems" in answer:
             self.state, self.problems = "refused", list(answer["problems"])
+        elif "died" in answer:
+            self.state, self.problems = "broken", [str(answer["died"])]
         else:
-            self.state = "broken"
             told = f"a defect of rotorjax, please report it with what stands in the terminal: {answer.get('defect')}"
-            self.problems = [told]
+            self.state, self.problems = "broken", [told]
+        if self.state != "running":
+            self.ended = time.monotonic()
 
     def _goes_on(self, line: str) -> None:
         spent = _SPENT.fullmatch(line)
@@ -124,7 +130,8 @@ class Jobs:
 
     def begin(self, given: Given, folder: Path) -> Job:
         """Explain what was received; the results of the explanation before are gone then."""
-        self._discard()
+        if self.job is not None:
+            _remove(self.job.folder)
         recordings = given.recordings
         shown = [given.rig.name, *([given.table.name] if given.table else []), *recordings]
         self.job = Job(shown, folder)
@@ -144,10 +151,9 @@ class Jobs:
         job = self.job
         if job is None or not self._running:
             return
-        job.state, job.ended = "cancelled", time.monotonic()
+        job.state, job.ended, task = "cancelled", time.monotonic(), self._task
         await self._child.end()
-        await self._finished()
-        _remove(job.folder)
+        await _finished(task)
         await self._child.start()
 
     async def close(self) -> None:
@@ -155,7 +161,7 @@ class Jobs:
         if self._running and self.job is not None:
             self.job.state = "cancelled"
         await self._child.end()
-        await self._finished()
+        await _finished(self._task)
         _remove(self._root)
 
     def result(self, job: str, name: str) -> Path | None:
@@ -169,31 +175,30 @@ class Jobs:
         return self.job is not None and self.job.state == "running"
 
     async def _run(self, job: Job, ask: dict[str, Any]) -> None:
-        async for answer in self._child.answers(ask):
-            if job.state == "running":
+        """One explanation to its end, whatever that is."""
+        try:
+            async for answer in self._child.answers(ask):
                 job.take(answer)
-        if job.state == "running":
-            job.state = "broken"
-            job.problems = ["the process that explains has died (killed, or out of memory); try again"]
-            await self._child.start()
-        if job.ended is None:
-            job.ended = time.monotonic()
+            job.take({"died": "the process that explains has died (killed, or out of memory); try again"})
+        except Exception as error:  # nobody foresaw it: told, and the next one goes on, with another process
+            job.take({"defect": f"{type(error).__name__}: {error}"})
+            await self._child.end()
         if job.state == "done":
-            # Of what was given nothing is needed any more.
-            for path in job.folder.iterdir():
-                if path.name not in RESULTS:
-                    path.unlink()
+            _remove(job.folder, but=RESULTS)
         else:
             _remove(job.folder)
 
-    async def _finished(self) -> None:
-        if self._task is not None:
-            await self._task
 
-    def _discard(self) -> None:
-        if self.job is not None:
-            _remove(self.job.folder)
+async def _finished(task: asyncio.Task[None] | None) -> None:
+    if task is not None:
+        await task
 
 
-def _remove(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
+def _remove(folder: Path, *, but: Collection[str] = ()) -> None:
+    """A folder and all in it, or all but some files."""
+    if not but:
+        shutil.rmtree(folder, ignore_errors=True)
+        return
+    for path in folder.iterdir():
+        if path.name not in but:
+            path.unlink()

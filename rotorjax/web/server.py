@@ -34,7 +34,7 @@ def serve(port: int, limits: Limits, *, told: Callable[[str], None], open_browse
         told(address)
         if open_browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-        if hasattr(signal, "SIGHUP"):
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
             # A terminal that is closed ends the server as a regular end does, which removes its files.
             signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
         server.run(sockets=[listening])

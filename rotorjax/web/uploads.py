@@ -5,6 +5,7 @@ Names that come with files are shown and compared, never used as paths: files ar
 
 import secrets
 import tomllib
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
@@ -66,14 +67,16 @@ class Given(NamedTuple):
 
     @property
     def shown(self) -> dict[str, str]:
-        """Path of a stored file -> name by which people know it."""
-        files = [(self.rig.name, self.rig), *((self.table.name, self.table) for _ in [0] if self.table)]
-        return {str(upload.path): harmless(name) for name, upload in (*files, *self.recordings.items())}
+        """Path of a stored file -> name by which people know it, that of a recording as the rig file has it."""
+        given = [(upload.name, upload) for upload in (self.rig, self.table) if upload is not None]
+        return {str(upload.path): harmless(name) for name, upload in (*given, *self.recordings.items())}
 
 
 def shown_name(name: str) -> str:
     """The last part of a path that came with a file, fit to be shown."""
-    last = harmless(PurePosixPath(name.replace("\\", "/")).name).replace("\n", " ").strip()
+    # Some systems write an umlaut as two characters, others as one.
+    last = unicodedata.normalize("NFC", PurePosixPath(name.replace("\\", "/")).name)
+    last = harmless(last).replace("\n", " ").strip()
     return last[:LONGEST_NAME] or "file without a name"
 
 
@@ -96,8 +99,8 @@ def sorted_out(uploads: Sequence[Upload], limits: Limits) -> Given:
         twice = next(name for name in others if [upload.name for upload in uploads].count(name) > 1)
         raise InputError(f"{twice}: two files have this name; rename one, here and in the rig file")
     named = _recordings_named(rig.path)
-    if len(others) == 1 and not {_last(name) for name in named} & set(others):
-        (table,) = others.values()
+    table = next(iter(others.values())) if len(others) == 1 else None
+    if table is not None and not _is_recording(table, named):
         if table.size > limits.table:
             raise TooLargeError(
                 f"{table.name}: {_size(table.size)}; a table has at most {_size(limits.table)} (rotorjax serve "
@@ -121,13 +124,19 @@ def _rig_among(uploads: Sequence[Upload]) -> Upload:
     raise InputError("no rig file was given; give one, its name ends in .toml (the example shows what is in it)")
 
 
+def _is_recording(upload: Upload, named: Sequence[str]) -> bool:
+    """Whether the one file beside a rig file that names recordings is one: by its name, or as it is no text."""
+    text = upload.path.suffix in ("", ".csv", ".txt")
+    return bool(named) and (not text or upload.name in map(shown_name, named))
+
+
 def _recordings_named(path: Path) -> list[str]:
     """Files that a rig file names, slow roll included; none where it cannot be read, which is said later with its
     line.
     """
     try:
         content: dict[str, Any] = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError):
+    except (ValueError, RecursionError):
         return []
     recordings, waveform = content.get("recordings"), content.get("waveform")
     slow_roll = waveform.get("slow_roll") if isinstance(waveform, dict) else None
@@ -142,7 +151,7 @@ def _recordings_among(
 
     **Errors.** `InputError`.
     """
-    last = {name: _last(name) for name in named}
+    last = {name: shown_name(name) for name in named}
     if len(set(last.values())) < len(last):
         twice = next(name for name in last if list(last.values()).count(last[name]) > 1)
         raise InputError(
@@ -178,12 +187,10 @@ def _too_much(size: int, limits: Limits) -> str:
     )
 
 
-def _last(name: str) -> str:
-    return PurePosixPath(name.replace("\\", "/")).name
-
-
 def _size(size: int) -> str:
-    return f"{size / MEGABYTE:.3g} MB" if size >= MEGABYTE // 10 else f"{size:,} bytes"
+    if size < MEGABYTE // 10:
+        return f"{size:,} bytes"
+    return f"{size / MEGABYTE:{',.0f' if size >= 100 * MEGABYTE else '.3g'}} MB"
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -195,6 +195,19 @@ def test_one_at_a_time_and_cancelled_at_once(site):
     assert site.ended()["state"] == "done"
 
 
+def test_cancelled_the_moment_it_is_begun(site):
+    """While its process is being begun, too."""
+    for _ in range(5):
+        assert site.explain({"rig.toml": RIG, "t.csv": b"endless"}).status == 202
+        threads = [threading.Thread(target=site.ask, args=("POST", "/cancel")) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(SOON)
+        assert site.ended()["state"] == "cancelled"
+        assert site.kept() == []
+
+
 def test_results_stay_until_others_begin(site):
     site.explain({"rig.toml": RIG, "t.csv": b"well"})
     job = site.ended()
@@ -287,6 +300,7 @@ def test_recordings_are_found_by_the_last_part_of_their_names(tmp_path):
         ({"r.toml": b"[[[", "a.csv": b"", "b.csv": b""}, "2 files are beside r.toml"),
         ({"r.toml": RIG, "a/t.csv": b"", "b/t.csv": b""}, "t.csv: two files have this name"),
         ({"r.toml": RECORDED, "x.csv": b""}, "names y.wav, not given"),
+        ({"r.toml": RECORDED, "z.wav": b""}, "z.wav: not named under"),
         ({"r.toml": RECORDED, "x.csv": b"", "y.wav": b"", "z.csv": b""}, "z.csv: not named under"),
         ({"r.toml": RECORDED + b'[recordings."x.csv"]\n', "x.csv": b"", "y.wav": b""}, "two files called x.csv"),
     ],

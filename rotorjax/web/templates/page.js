@@ -17,7 +17,10 @@ const made = (tag, text, className) => {
   return element;
 };
 const isRig = (name) => name.toLowerCase().endsWith(".toml");
-const size = (bytes) => (bytes >= 1e5 ? `${(bytes / 1e6).toPrecision(3)} MB` : `${Math.ceil(bytes / 1e3)} kB`);
+const size = (bytes) => {
+  if (bytes < 1e5) return `${Math.ceil(bytes / 1e3)} kB`;
+  return `${bytes < 1e8 ? (bytes / 1e6).toPrecision(3) : Math.round(bytes / 1e6)} MB`;
+};
 
 // What is to be explained
 
