@@ -69,9 +69,9 @@ class Browser:
             raise RuntimeError(f"{method}: {answer['error']}")
         return answer["result"]
 
-    def open(self, path: Path) -> None:
-        """A page from disk, until it has loaded."""
-        self.ask("Page.navigate", url=path.as_uri())
+    def open(self, page: Path | str) -> None:
+        """A page from disk, or at an address, until it has loaded."""
+        self.ask("Page.navigate", url=page if isinstance(page, str) else page.as_uri())
         while not self.events("Page.loadEventFired"):
             self._events.append(self._next())
 
@@ -80,6 +80,20 @@ class Browser:
         return self.ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)["result"][
             "value"
         ]
+
+    def drop(self, x: float, y: float, files: list[Path]) -> None:
+        """Files dragged onto a place of the page."""
+        data = {"items": [], "files": [str(path) for path in files], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            self.ask("Input.dispatchDragEvent", type=kind, x=x, y=y, data=data)
+
+    def wait(self, expression: str) -> None:
+        """Until a JavaScript expression holds."""
+        end = time.monotonic() + SECONDS
+        while not self.value(expression):
+            if time.monotonic() > end:
+                raise TimeoutError(expression)
+            time.sleep(0.05)
 
     def events(self, method: str) -> list[dict]:
         """Those of one kind so far."""

@@ -9,6 +9,7 @@ from typing import NoReturn
 from rotorjax.cli import commands, recordings
 from rotorjax.cli.many import explain_many
 from rotorjax.cli.progress import INTERRUPTED
+from rotorjax.cli.serve import serve
 from rotorjax.cli.terminal import accept_any_character, complain, leave_output
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
@@ -66,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         )
     )
     _explain_many(command("explain-many", explain_many, "explain every table of a folder, on all processors"))
+    _serve(command("serve", serve, "a page on this machine to drop files on: explain in the browser"))
     _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
     _vectors(command("vectors", recordings.vectors, "recordings in time to a measurement table"))
@@ -106,6 +108,16 @@ def _explain_many(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--workers", type=int, metavar="N", help=what)
     sub.add_argument("--cluster", metavar="ADDRESS", help="use the workers of this Dask scheduler, tcp://host:8786")
     _race(sub)
+
+
+def _serve(sub: argparse.ArgumentParser) -> None:
+    what = "port of the page, 0 for any that is free (default: 8000)"
+    sub.add_argument("--port", type=int, default=8000, metavar="N", help=what)
+    sub.add_argument("--open", action="store_true", help="open the page in the browser")
+    what = "largest table that is taken, in MB (default: 50)"
+    sub.add_argument("--max-table-mb", type=float, default=50.0, metavar="MB", help=what)
+    what = "most that recordings may have together, in MB (default: 1000)"
+    sub.add_argument("--max-recordings-mb", type=float, default=1000.0, metavar="MB", help=what)
 
 
 def _race(sub: argparse.ArgumentParser) -> None:

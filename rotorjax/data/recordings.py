@@ -20,6 +20,10 @@ from rotorjax.errors import InputError
 PIECE = 2**18
 """Samples held at once, per channel: 2 MB each."""
 _DELIMITERS = (",", ";", "\t")
+_OTHER = (
+    "neither text in UTF-8 nor a recording in a format that is read; export it as CSV, NPZ, WAV, MAT, HDF5, TDMS or "
+    "UFF 58"
+)
 
 Pieces = Iterator[Float[np.ndarray, "sample _"]]
 
@@ -149,7 +153,10 @@ def _layout(path: Path) -> _Layout:
     else:
         raise InputError(f"{path}: the file is empty; give a recording with one row per sample")
     delimiter = max(_DELIMITERS, key=line.count)
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+    try:
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+    except csv.Error as error:
+        raise InputError(f"{path}: {_OTHER}") from error
     if all(_is_number(cell, delimiter) for cell in cells):
         return _Layout(delimiter, tuple(str(k) for k in range(len(cells))), skipped)
     return _Layout(delimiter, tuple(cells), skipped + 1)
@@ -168,10 +175,7 @@ def _lines(path: Path) -> Iterator[str]:
         with path.open(encoding="utf-8-sig", newline=None) as file:
             yield from file
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: neither text in UTF-8 nor a recording in a format that is read; export it as CSV, NPZ, WAV, MAT, "
-            "HDF5, TDMS or UFF 58"
-        ) from error
+        raise InputError(f"{path}: {_OTHER}") from error
 
 
 def _read_csv(path: Path, layout: _Layout, channels: Sequence[int]) -> Pieces:

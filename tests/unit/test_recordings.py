@@ -307,7 +307,7 @@ def test_files_that_cannot_be_used(tmp_path, record, rng):
     (tmp_path / "f.csv").write_text("\n".join([*lines[:50], "0.1,over,1,2", *lines[51:]]))
     assert "f.csv:51: channel 'reference': 'over' is not a number" in refused(rig_file(tmp_path, "f.csv=baseline"))
     for name, content in (("g.csv", b""), ("h.npz", b"PK\x03\x04"), ("i.wav", b"RIFF1234WAVE"), ("j.mat", b"no"),
-                          ("k.csv", b"\xff\xfe\x00\x01")):  # fmt: skip
+                          ("k.csv", b"\xff\xfe\x00\x01"), ("l.wav", bytes(200_000))):  # fmt: skip
         (tmp_path / name).write_bytes(content)
         assert name in refused(rig_file(tmp_path, f"{name}=baseline"))
 
