@@ -77,7 +77,7 @@ def _scaled(hidden: Hidden, factor: float) -> Hidden:
 
 def _said_peak_to_peak(hidden: Hidden) -> Hidden:
     m = hidden.measurement
-    knowledge = dataclasses.replace(m.knowledge, peak_to_peak=True)
+    knowledge = dataclasses.replace(m.knowledge, amplitude="peak-to-peak")
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, knowledge=knowledge))
 
 

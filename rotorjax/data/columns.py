@@ -25,7 +25,7 @@ _PEAKS = (
         r"_(pp|pkpk|ptp|p2p|pk_pk|p_p|peak_(to_)?peak|peak2peak)_",
         'is peak-to-peak: write [convention] amplitude = "peak-to-peak" in the rig file',
     ),
-    (r"_rms_", "is an rms value: multiply it by 1.4142 for zero-to-peak"),
+    (r"_rms_", 'is an rms value: write [convention] amplitude = "rms" in the rig file'),
     (r"_(0p|op|0_pk|zero_(to_)?peak|pk|peak)_", "is zero-to-peak, as it is read"),
 )
 _PHASES = (

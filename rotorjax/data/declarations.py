@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import Measurement
+from rotorjax.data.measurement import Amplitude, Measurement
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.units import RPM
@@ -28,6 +28,7 @@ KINDS = (
     "phase_sign_reversed",
     "amplitude_halved",
     "amplitude_doubled",
+    "amplitude_rms",
     "amplitude_unit",
     "probes_exchanged",
     "probe_reversed",
@@ -77,6 +78,8 @@ class AmplitudeChange(NamedTuple):
     factor: float
     meaning: str
     cure: str
+    stated: Amplitude | None = None
+    """What has to be stated for it, if that matters."""
 
 
 _WRITE = '[convention] amplitude: write "{}"'
@@ -88,9 +91,18 @@ AMPLITUDE_CHANGES = (
         2.0,
         "amplitudes are peak-to-peak where peak is stated",
         _WRITE.format("peak-to-peak"),
+        "peak",
     ),
     AmplitudeChange(
-        "amplitude_halved", (), 0.5, "amplitudes are peak where peak-to-peak is stated", _WRITE.format("peak")
+        "amplitude_halved",
+        (),
+        0.5,
+        "amplitudes are peak where peak-to-peak is stated",
+        _WRITE.format("peak"),
+        "peak-to-peak",
+    ),
+    AmplitudeChange(
+        "amplitude_rms", (), math.sqrt(0.5), "amplitudes are rms where peak is stated", _WRITE.format("rms"), "peak"
     ),
     AmplitudeChange("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
     AmplitudeChange(
@@ -184,9 +196,9 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
     """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
     if m.rms == 0.0:
         return
-    impossible = "amplitude_doubled" if m.knowledge.peak_to_peak else "amplitude_halved"
-    for kind, about, factor, meaning, cure in AMPLITUDE_CHANGES:
-        if kind == impossible:
+    for kind, about, factor, meaning, cure, stated in AMPLITUDE_CHANGES:
+        # The rms value of a constant is the constant: such a table would not be too small throughout.
+        if stated not in (None, m.knowledge.amplitude) or (kind == "amplitude_rms" and 0.0 in m.orders):
             continue
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:

@@ -12,6 +12,9 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
 
+Amplitude = Literal["peak", "peak-to-peak", "rms"]
+"""How amplitudes are written in a table."""
+
 if TYPE_CHECKING:
     from rotorjax.data.rig import Rig
 
@@ -76,8 +79,8 @@ class Knowledge:
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
     limits: Limits = dataclasses.field(default_factory=Limits)
-    peak_to_peak: bool = False
-    """Whether the table's amplitudes are said to be peak-to-peak."""
+    amplitude: Amplitude = "peak"
+    """What the table's amplitudes are said to be."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,6 +15,7 @@ from rotorjax.data.measurement import Installed, Knowledge, Measurement, Row, ar
 from rotorjax.data.plausibility import doubts
 from rotorjax.data.rig_edits import put_right
 from rotorjax.data.rig_sections import (
+    PEAK,
     TURNS,
     WEIGHT,
     Convention,
@@ -184,7 +185,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
             document.report((name,), f"unknown section; {cure or nearest(name, _SECTIONS)}")
     convention_section = document.section("convention")
     convention = Convention(
-        convention_section.choice("amplitude", ("peak", "peak-to-peak")),  # type: ignore[arg-type]
+        convention_section.choice("amplitude", tuple(PEAK)),  # type: ignore[arg-type]
         convention_section.choice("phase", ("lead", "lag")),  # type: ignore[arg-type]
         convention_section.choice("weight_angles", ("with-rotation", "against-rotation")),  # type: ignore[arg-type]
     )
@@ -199,7 +200,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     knowledge = Knowledge(
         **uncertainty_of(document, tuple(model_parts[1])), priors=priors_of(document, catalog),
         limits=limits_of(document), tolerance=tolerance, run_scatter=scatter,
-        peak_to_peak=convention.amplitude == "peak-to-peak",
+        amplitude=convention.amplitude,
     )  # fmt: skip
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = effects_of(document, layout, catalog)

@@ -122,6 +122,7 @@ _EDITS: dict[str, Edit] = {
     "phase_sign_reversed": _other("phase", "lead", "lag"),
     "amplitude_doubled": _amplitude("peak", "peak-to-peak"),
     "amplitude_halved": _amplitude("peak-to-peak", "peak"),
+    "amplitude_rms": _amplitude("peak", "rms"),
     "probes_exchanged": _probes_exchanged,
     "probe_reversed": _probe_reversed,
     "weight_absent": _no_weight,

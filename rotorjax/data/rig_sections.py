@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rotorjax.data.measurement import Installed, Limits, Row, Uncertain
+from rotorjax.data.measurement import Amplitude, Installed, Limits, Row, Uncertain
 from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
@@ -29,21 +29,29 @@ _WEIGHT_WORDS = ("weight", "mass", "radius", "trial")
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
 
 
+PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": math.sqrt(2.0)}
+"""Zero-to-peak amplitude of a sine for one unit of what is written."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Convention:
     """How amplitudes, phases and angles are written in a user's files; everything inside is peak, lead, SI."""
 
-    amplitude: Literal["peak", "peak-to-peak"] = "peak"
+    amplitude: Amplitude = "peak"
     phase: Literal["lead", "lag"] = "lead"
     weight_angles: Literal["with-rotation", "against-rotation"] = "with-rotation"
 
     def to_internal(self, row: Row) -> Row:
         """A row of the table as zero-to-peak amplitude and leading phase."""
-        return self._convert(row, 0.5 if self.amplitude == "peak-to-peak" else 1.0)
+        return self._convert(row, self._peak(row))
 
     def to_table(self, row: Row) -> Row:
         """The inverse of `to_internal`."""
-        return self._convert(row, 2.0 if self.amplitude == "peak-to-peak" else 1.0)
+        return self._convert(row, 1.0 / self._peak(row))
+
+    def _peak(self, row: Row) -> float:
+        """Zero-to-peak amplitude for one unit of what is written: the rms value of a constant is the constant."""
+        return 1.0 if self.amplitude == "rms" and row.order == 0.0 else PEAK[self.amplitude]
 
     def _convert(self, row: Row, factor: float) -> Row:
         sign = -1.0 if self.phase == "lag" else 1.0

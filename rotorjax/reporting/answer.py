@@ -118,6 +118,10 @@ def _unexplained_why(found: Explanation) -> str:
     )
 
 
+AS_IF = 1.5
+"""Half widths of the 95 % interval within which a gain may be that of a wrong convention: some three standard errors."""
+
+
 def as_if_lines(found: Explanation) -> list[str]:
     """A gain of the chain that a wrong convention or unit would look like."""
     if "chain_gain" not in found.effects:
@@ -129,7 +133,7 @@ def as_if_lines(found: Explanation) -> list[str]:
         one
         for one in AMPLITUDE_CHANGES
         if all(
-            abs(value - there) <= fitted.quantile * part.standard_error
+            abs(value - there) <= AS_IF * fitted.quantile * part.standard_error
             for value, there, part in zip(gain, (one.factor, 0.0), parts, strict=True)
         )
     )

@@ -147,7 +147,7 @@ def test_refused_files(tmp_path, table, words):
         ("amplitude_um", "Amplitude (mils pk-pk)", "is in mils: multiply it by 25.4 (1 mil = 25.4 µm), and is peak-to"),
         ("amplitude_um", "amplitude_mm", "is in millimetres: multiply it by 1000"),
         ("amplitude_um", "amplitude_um_pp", '[convention] amplitude = "peak-to-peak" in the rig file'),
-        ("amplitude_um", "disp_um_rms", "is an rms value: multiply it by 1.4142"),
+        ("amplitude_um", "disp_um_rms", 'is an rms value: write [convention] amplitude = "rms"'),
         ("amplitude_um", "velocity_mm_s", "is a velocity: divide it by order × 2π × speed_rpm / 60"),
         ("phase_deg", "phase_rad", "is in radians: multiply it by 57.29578"),
         ("phase_deg", "Phase lag (deg)", '[convention] phase = "lag" in the rig file'),
@@ -272,6 +272,11 @@ def test_conventions(tmp_path):
     m = read(tmp_path, f"{HEADER}\n{BODY}", RIG + '[convention]\namplitude = "peak-to-peak"\nphase = "lag"\n')
     assert m.vectors[0, 0, 0] == pytest.approx(19.93e-6 / 2 * np.exp(1j * np.radians(31.4)))
     assert m.sigma[0, 0, 0] == pytest.approx(0.15e-6)
+    m = read(tmp_path, f"{HEADER}\n{BODY}", RIG + '[convention]\namplitude = "rms"\n')
+    assert m.vectors[0, 0, 0] == pytest.approx(19.93e-6 * np.sqrt(2.0) * np.exp(-1j * np.radians(31.4)))
+    constant = "baseline,1500,X,0,19.93,180,0.3"
+    still = read(tmp_path, f"{HEADER}\n{constant}\n", RIG + '[convention]\namplitude = "rms"\n')
+    assert still.vectors[0, 0, 0] == pytest.approx(-19.93e-6)
 
 
 def test_written_and_read_again(tmp_path):

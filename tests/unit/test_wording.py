@@ -134,14 +134,16 @@ def test_a_polar_plot_says_how_its_angles_count():
         assert phase in axes.get_xlabel()
 
 
-def test_a_gain_that_a_convention_would_explain_is_said_to_be_one():
-    model, m = measured(factor=2.0)
+@pytest.mark.parametrize("kind", ["amplitude_doubled", "amplitude_rms"])
+def test_a_gain_that_a_convention_would_explain_is_said_to_be_one(kind):
+    change = next(one for one in AMPLITUDE_CHANGES if one.kind == kind)
+    model, m = measured(factor=change.factor)
     found = explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False)
     assert found.effects == ("chain_gain",)
     (line,) = as_if_lines(found)
-    assert AMPLITUDE_CHANGES[0].meaning in line
+    assert change.meaning in line
     assert line in sentence(found)
-    model, m = measured(factor=1.9)
+    model, m = measured(factor=0.95 * change.factor)
     assert not as_if_lines(explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False))
 
 
