@@ -119,7 +119,7 @@ def _unexplained_why(found: Explanation) -> str:
 
 
 AS_IF = 1.5
-"""Half widths of the 95 % interval within which a gain may be that of a wrong convention: some three standard errors."""
+"""Half widths of the 95 % interval within which a gain may be that of a wrong convention: three standard errors."""
 
 
 def as_if_lines(found: Explanation) -> list[str]:
