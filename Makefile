@@ -40,6 +40,7 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/dataset.py
 	$(BIN)/python benchmarks/training.py
 	$(BIN)/python benchmarks/batch.py
+	$(BIN)/python benchmarks/waveforms.py --output benchmarks/results
 	$(BIN)/python benchmarks/hidden_forces.py --output benchmarks/results
 	$(BIN)/python benchmarks/half_orders.py
 	$(BIN)/python benchmarks/contact.py

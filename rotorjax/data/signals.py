@@ -22,6 +22,8 @@ MOST_HARMONICS = 20
 """Of the rounding error of hard edges over their place between samples, which falls as one over the harmonic."""
 BAND = 0.4
 """Sidebands reach this far from an order, relative to the order but at most 1: short of a whirl near half the speed."""
+PARTS_OF_A_TURN = 32
+"""Over which the residual is summed before its sidebands are taken."""
 FEWEST_SIDEBANDS, MOST_SIDEBANDS = 2, 16
 """Pairs: with fewer their scatter says too little; more would only widen the band in which noise counts as flat."""
 
@@ -111,7 +113,8 @@ def vectors_from_waveform(
     _check_orders(orders, drift, changing, revolutions=count, samples=int(used.sum()))
     angle = np.where(used, shaft_angle(instants, marks), np.nan)
     design = _design(angle[used], instants[used], orders, drift, changing)
-    solution = np.linalg.lstsq(design, waves[used])[0]
+    # The columns are nearly orthogonal: normal equations lose nothing, and take a quarter of the time.
+    solution = np.linalg.solve(design.T @ design, design.T @ waves[used])
     residual = np.full(waves.shape, np.nan)
     residual[used] = left = waves[used] - design @ solution
     turning = np.asarray(orders, dtype=float)
@@ -151,7 +154,9 @@ def _scatter(
         near = _sidebands(order, orders, count, changing + 1)
         pairs.append(len(near))
         if len(near):
-            covariance.append(_scatter_of_sidebands(left, angle, order, near, count))
+            moved = np.empty(left.T.shape, complex)
+            moved.real, moved.imag = left.T * design[:, 2 * k], -left.T * design[:, 2 * k + 1]
+            covariance.append(_scatter_of_sidebands(moved, angle, near, count))
         else:
             step = order * TURN * count / len(left)
             covariance.append(_variance_of_residual(left, design, slice(2 * k, 2 * k + 2), step))
@@ -165,7 +170,7 @@ def _constant_error(
     # The drift takes the slowest with it.
     near = _sidebands(0.0, orders, count, design.shape[1] - level)
     if len(near):
-        both = _scatter_of_sidebands(left, angle, 0.0, near, count)
+        both = _scatter_of_sidebands(left.T, angle, near, count)
         return 0.5 * np.sqrt(np.diagonal(both).reshape(-1, 2).sum(axis=1))
     return np.sqrt(np.diagonal(_variance_of_residual(left, design, slice(level, level + 1), 0.0))[::2])
 
@@ -313,9 +318,8 @@ def _sidebands(
 
 
 def _scatter_of_sidebands(
-    residual: Float[np.ndarray, "sample probe"],
+    moved: Complex[np.ndarray, "probe sample"] | Float[np.ndarray, "probe sample"],
     angle: Float[np.ndarray, "sample"],
-    order: float,
     offsets: Int[np.ndarray, "_"],
     revolutions: int,
 ) -> Float[np.ndarray, "2*probe 2*probe"]:
@@ -326,17 +330,17 @@ def _scatter_of_sidebands(
     uncertain pulses and a varying vector make, are all counted. It does what the scatter of blocks of revolutions
     does, without the leak of low frequencies into short blocks. With b(φ) e^{i n φ} the residual, c_k the
     coefficient of b: those of Re b and Im b are (c_k + c̄_-k)/2 and (c_k - c̄_-k)/2i.
+
+    **Arguments:** ``moved``: the residual times e^{-i n φ}. It is summed over 1/32 of a turn first, across which a
+    sideband turns by some five degrees at most: coefficients come out a few parts in 10,000 too small.
     """
-    moved = residual.T * np.exp(-1j * order * angle)
-    # One exponential and its powers: an exponential for each sideband took most of the time of a long record.
-    turn = np.exp(-1j / revolutions * angle)
-    power, reached = np.ones_like(turn), 0
-    upper, lower = np.empty((2, len(offsets), len(moved)), dtype=complex)
-    for row, k in enumerate(offsets.tolist()):
-        power *= turn if k == reached + 1 else turn ** (k - reached)
-        reached = k
-        upper[row] = 2.0 / len(angle) * (moved @ power)
-        lower[row] = 2.0 / len(angle) * (moved @ power.conj())
+    width = TURN / PARTS_OF_A_TURN
+    edges = np.arange(angle[0], angle[-1], width)
+    first = np.unique(np.searchsorted(angle, edges))
+    sums = np.add.reduceat(moved, first, axis=1)
+    middle = angle[0] + width * (np.floor((angle[first] - angle[0]) / width) + 0.5)
+    turn = np.exp(-1j * middle[:, None] * offsets / revolutions)
+    upper, lower = ((2.0 / len(angle) * (sums @ side)).T for side in (turn, turn.conj()))
     parts = np.stack([0.5 * (upper + lower.conj()), -0.5j * (upper - lower.conj())], axis=-1).reshape(len(offsets), -1)
     freedoms = 2 * len(offsets)
     # The variance of Student's t: an error in units of an estimated standard error scatters by more than one.
