@@ -32,9 +32,9 @@ from rotorjax.data.pulses import pulse_times
 from rotorjax.data.signals import vectors_from_waveform
 from rotorjax.reporting.tables import number
 
-ABOUT = """Root mean square errors and time over 100 records of 2 s at 12.8 kHz with two probes; the speed wanders by 0.3 %, and
-noise is 1 % of 1X. pyPRB is told the true mean speed. Ours gives 1X to 3X with standard errors from finding the pulses on.
-Written by `python benchmarks/waveforms.py --output benchmarks/results`."""
+ABOUT = """Root mean square errors and time over 100 records of 2 s at 12.8 kHz with two probes; the speed wanders by
+0.3 %, and noise is 1 % of 1X. pyPRB is told the true mean speed. Ours gives 1X to 3X with standard errors from finding
+the pulses on. Written by `python benchmarks/waveforms.py --output benchmarks/results`."""
 RATE, SECONDS, RECORDS, EARLY = 12_800.0, 2.0, 100, 10
 WANDER, NOISE = 0.003, 0.01
 PULSE = 8.0 / 360.0
