@@ -73,7 +73,7 @@ def parse_slip(texts: list[str], model: "Model", measurement: "Measurement") -> 
         backwards = {".".join((kind, *reversed(slip.about))): slip for slip in known.values()}
         slip = (backwards | known).get(wanted)
         if slip is None:
-            what = nearest(wanted, known) if known else "it would change nothing with this rig file and table"
+            what = nearest(wanted, known) if known else "what is stated excludes it, or it would change nothing"
             raise InputError(f"--effect {text}: no such mistake can be made here; {what}")
         found.append(slip)
     if len(found) > 1:

@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import Amplitude, Measurement
+from rotorjax.data.measurement import PEAK, Amplitude, Measurement
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.units import RPM
@@ -29,6 +29,8 @@ KINDS = (
     "amplitude_halved",
     "amplitude_doubled",
     "amplitude_rms",
+    "amplitude_peak",
+    "amplitude_peak_to_peak",
     "amplitude_unit",
     "probes_exchanged",
     "probe_reversed",
@@ -78,38 +80,40 @@ class AmplitudeChange(NamedTuple):
     factor: float
     meaning: str
     cure: str
-    stated: Amplitude | None = None
-    """What has to be stated for it, if that matters."""
 
 
-_WRITE = '[convention] amplitude: write "{}"'
 _MILS = "the table: {} amplitude_um and sigma_um by 25.4"
-AMPLITUDE_CHANGES = (
-    AmplitudeChange(
-        "amplitude_doubled",
-        (),
-        2.0,
-        "amplitudes are peak-to-peak where peak is stated",
-        _WRITE.format("peak-to-peak"),
-        "peak",
-    ),
-    AmplitudeChange(
-        "amplitude_halved",
-        (),
-        0.5,
-        "amplitudes are peak where peak-to-peak is stated",
-        _WRITE.format("peak"),
-        "peak-to-peak",
-    ),
-    AmplitudeChange(
-        "amplitude_rms", (), math.sqrt(0.5), "amplitudes are rms where peak is stated", _WRITE.format("rms"), "peak"
-    ),
-    AmplitudeChange("amplitude_unit", (), 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
-    AmplitudeChange(
-        "amplitude_unit", ("mil",), MIL, "amplitudes were converted from mil twice", _MILS.format("divide")
-    ),
-)
-"""What a factor common to all amplitudes may come from."""
+TRUE_AMPLITUDES: dict[str, Amplitude] = {
+    "amplitude_doubled": "peak-to-peak",
+    "amplitude_halved": "peak",
+    "amplitude_rms": "rms",
+    "amplitude_peak": "peak",
+    "amplitude_peak_to_peak": "peak-to-peak",
+}
+"""What amplitudes are, for each kind of mistake about them."""
+_DOUBLED, _HALVED = ("peak", "peak-to-peak"), ("peak-to-peak", "peak")
+
+
+def amplitude_changes(stated: Amplitude | None) -> list[AmplitudeChange]:
+    """What a factor common to all amplitudes may come from. **Arguments:** ``stated``: what they are said to be, none
+    where they were not written in a table.
+    """
+    if stated is None:
+        return []
+    changes = []
+    for true, peak in PEAK.items():
+        if true != stated:
+            named = {_DOUBLED: "amplitude_doubled", _HALVED: "amplitude_halved"}
+            kind = named.get((stated, true), f"amplitude_{true.replace('-', '_')}")
+            meaning = f"amplitudes are {true} where {stated} is stated"
+            cure = f'[convention] amplitude: write "{true}"'
+            changes.append(AmplitudeChange(kind, (), PEAK[stated] / peak, meaning, cure))
+    unit = "amplitude_unit"
+    return [
+        *changes,
+        AmplitudeChange(unit, (), 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
+        AmplitudeChange(unit, ("mil",), MIL, "amplitudes were converted from mil twice", _MILS.format("divide")),
+    ]
 
 
 def slips(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Slip]:
@@ -184,6 +188,9 @@ def _angles(_: Model, m: Measurement) -> Iterator[Slip]:
 
 
 def _phase(_: Model, m: Measurement) -> Iterator[Slip]:
+    if m.knowledge.amplitude is None:
+        return
+
     def corrected(model: Model, m: Measurement) -> Stated:
         return model, dataclasses.replace(m, vectors=np.conj(m.vectors))
 
@@ -196,9 +203,9 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
     """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
     if m.rms == 0.0:
         return
-    for kind, about, factor, meaning, cure, stated in AMPLITUDE_CHANGES:
-        # The rms value of a constant is the constant: such a table would not be too small throughout.
-        if stated not in (None, m.knowledge.amplitude) or (kind == "amplitude_rms" and 0.0 in m.orders):
+    for kind, about, factor, meaning, cure in amplitude_changes(m.knowledge.amplitude):
+        # The rms value of a constant is the constant: with one measured, the table is not off by one factor.
+        if 0.0 in m.orders and "rms" in (m.knowledge.amplitude, TRUE_AMPLITUDES.get(kind)):
             continue
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:

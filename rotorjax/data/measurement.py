@@ -14,6 +14,8 @@ from rotorjax.units import DEGREE, MICROMETRE, RPM
 
 Amplitude = Literal["peak", "peak-to-peak", "rms"]
 """How amplitudes are written in a table."""
+PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": 2.0**0.5}
+"""Zero-to-peak amplitude of a sine for one unit of what is written."""
 
 if TYPE_CHECKING:
     from rotorjax.data.rig import Rig
@@ -79,8 +81,8 @@ class Knowledge:
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
     limits: Limits = dataclasses.field(default_factory=Limits)
-    amplitude: Amplitude = "peak"
-    """What the table's amplitudes are said to be."""
+    amplitude: Amplitude | None = "peak"
+    """What the table's amplitudes are said to be; none where recordings were read, which no convention concerns."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -90,7 +90,8 @@ class Records:
         **Errors.** `InputError` as for a table.
         """
         rows = [rig.convention.to_table(row) for row in self.rows()]
-        return rig.measurement(Table(rows, [0] * len(rows), [], []), rig.path)
+        read = rig.measurement(Table(rows, [0] * len(rows), [], []), rig.path)
+        return dataclasses.replace(read, knowledge=dataclasses.replace(read.knowledge, amplitude=None))
 
 
 def _row(each: Point, run: str, probe: str, cell: tuple[int, int], at: tuple[float, float], repeat: str) -> Row:

@@ -11,11 +11,10 @@ import tomlkit
 
 from rotorjax.data.declarations import Slip
 from rotorjax.data.files import write_whole
-from rotorjax.data.measurement import Installed, Knowledge, Measurement, Row, arrange
+from rotorjax.data.measurement import PEAK, Installed, Knowledge, Measurement, Row, arrange
 from rotorjax.data.plausibility import doubts
 from rotorjax.data.rig_edits import put_right
 from rotorjax.data.rig_sections import (
-    PEAK,
     TURNS,
     WEIGHT,
     Convention,

@@ -5,7 +5,7 @@ from typing import Any
 
 import tomlkit
 
-from rotorjax.data.declarations import Slip
+from rotorjax.data.declarations import TRUE_AMPLITUDES, Slip
 
 _OPPOSITE = {"+x": "-x", "x": "-x", "-x": "+x", "+y": "-y", "y": "-y", "-y": "+y"}
 Edit = Callable[..., bool]
@@ -30,12 +30,9 @@ def _other(key: str, usual: str, unusual: str) -> Edit:
     return edit
 
 
-def _amplitude(stated: str, true: str) -> Edit:
+def _amplitude(true: str) -> Edit:
     def edit(document: tomlkit.TOMLDocument) -> bool:
-        convention = _section(document, "convention")
-        if convention.get("amplitude", "peak") != stated:
-            return False
-        convention["amplitude"] = true
+        _section(document, "convention")["amplitude"] = true
         return True
 
     return edit
@@ -120,9 +117,7 @@ _EDITS: dict[str, Edit] = {
     "rotation_reversed": _other("rotation", "x-to-y", "y-to-x"),
     "weight_angles_reversed": _other("weight_angles", "with-rotation", "against-rotation"),
     "phase_sign_reversed": _other("phase", "lead", "lag"),
-    "amplitude_doubled": _amplitude("peak", "peak-to-peak"),
-    "amplitude_halved": _amplitude("peak-to-peak", "peak"),
-    "amplitude_rms": _amplitude("peak", "rms"),
+    **{kind: _amplitude(true) for kind, true in TRUE_AMPLITUDES.items()},
     "probes_exchanged": _probes_exchanged,
     "probe_reversed": _probe_reversed,
     "weight_absent": _no_weight,

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rotorjax.data.measurement import Amplitude, Installed, Limits, Row, Uncertain
+from rotorjax.data.measurement import PEAK, Amplitude, Installed, Limits, Row, Uncertain
 from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
@@ -27,10 +27,6 @@ WEIGHT = "unbalance = { magnitude_g_mm = 30.0, angle_deg = 0.0 }"
 WEIGHT_CURE = f"a weight is given as mass times radius, 1 g at 30 mm so: {WEIGHT}"
 _WEIGHT_WORDS = ("weight", "mass", "radius", "trial")
 _GRAVITY_ANGLES = {"+x": 0.0, "x": 0.0, "+y": 90.0, "y": 90.0, "-x": 180.0, "-y": -90.0}
-
-
-PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": math.sqrt(2.0)}
-"""Zero-to-peak amplitude of a sine for one unit of what is written."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,6 +20,8 @@ FEWEST_REVOLUTIONS = 2
 """One revolution cannot tell a drift from an order."""
 MOST_HARMONICS = 20
 """Of the rounding error of hard edges over their place between samples, which falls as one over the harmonic."""
+WORST_CONDITION = 1e14
+"""Of the normal equations of a fit."""
 BAND = 0.4
 """Sidebands reach this far from an order, relative to the order but at most 1: short of a whirl near half the speed."""
 PARTS_OF_A_TURN = 32
@@ -113,8 +115,14 @@ def vectors_from_waveform(
     _check_orders(orders, drift, changing, revolutions=count, samples=int(used.sum()))
     angle = np.where(used, shaft_angle(instants, marks), np.nan)
     design = _design(angle[used], instants[used], orders, drift, changing)
-    # The columns are nearly orthogonal: normal equations lose nothing, and take a quarter of the time.
-    solution = np.linalg.solve(design.T @ design, design.T @ waves[used])
+    # Orders that a record resolves are nearly orthogonal: normal equations lose nothing and take a quarter of the time.
+    normal = design.T @ design
+    if np.linalg.cond(normal) > WORST_CONDITION:
+        raise ValueError(
+            f"the orders {', '.join(f'{order:g}' for order in orders)} cannot be told apart in {count} revolutions of "
+            f"{used.sum() / count:.4g} samples: record longer or faster, or leave some out"
+        )
+    solution = np.linalg.solve(normal, design.T @ waves[used])
     residual = np.full(waves.shape, np.nan)
     residual[used] = left = waves[used] - design @ solution
     turning = np.asarray(orders, dtype=float)

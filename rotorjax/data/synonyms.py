@@ -70,8 +70,8 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
         "wrong sensitivity", "mV per mil", "millivolt per micrometre", "target material",
     ),
     "chain_gain": (
-        "amplifier", "filter gain", "wrong units", "peak-to-peak", "conditioner", "integrator", "unit mix-up", "mils",
-        "measuring chain",
+        "amplifier", "filter gain", "wrong units", "peak-to-peak", "rms", "conditioner", "integrator", "unit mix-up",
+        "mils", "measuring chain",
     ),
     "probe_angle": (
         "probe orientation", "probe mounting", "probe direction", "rotated probe", "swapped probes",

@@ -148,6 +148,8 @@ def _recordings_of(document: Document, runs: Collection[str]) -> tuple[Recorded,
     found = []
     for file, table in document.section("recordings").tables():
         run = table.raw("run", PurePath(file).stem)
+        if not file:
+            table.problem("run", 'the name of the recording is empty; write [recordings."FILE"]')
         if not isinstance(run, str):
             table.problem("run", f"must be the name of a run, not {run!r}")
         elif run not in runs:

@@ -77,9 +77,9 @@ def explain(  # noqa: PLR0913
     an effect of the measuring chain, which looks alike; ``only`` and ``exclude`` may name them; ``catalog``: effects
     by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
     count for the verdict, and the missing force, looked at where nothing explains and compared with what was found
-    elsewhere; ``limit``: single cases that may be linearised, where it is reached the verdict is "undecided" or
-    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage, and while it goes
-    on.
+    elsewhere; ``limit``: single cases that may be linearised, the last 50,000 of them (a tenth at most) for the missing
+    force alone; where it is reached the verdict is "undecided" or "unexplained", with what was not tried; ``progress``:
+    called with a line of text at every stage, and while it goes on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes.
     """
@@ -97,7 +97,7 @@ def explain(  # noqa: PLR0913
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
     telling = Telling(progress, limit)
-    telling.budget.reserve(FOR_THE_FORCE)
+    telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
     stated = _as_stated(contest, full)
     written = race_of_slips(contest, kinds, max_effects, told, always=slips is True)

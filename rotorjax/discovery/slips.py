@@ -129,7 +129,7 @@ def race_of_slips(
     own = _alternative(None, select(contest, most, progress=progress))
     if budget.exhausted or not (always or screened or _misses(own) or _of_reading(own)):
         return Race((own,), tried=bool(screened))
-    share = budget.left if _misses(own) else budget.spent - before
+    share = math.inf if _misses(own) else budget.spent - before
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
     stated = stated or _screened(_Change(None, contest), noise)
     if not screened:
@@ -141,7 +141,7 @@ def race_of_slips(
 
 def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened, list[_Screened], list[_Screened]]:
     """What is stated, where linear effects do not hold within the noise with it, changes that may be near, and those
-    ahead, the nearest first.
+    ahead, the nearest first; none where what is stated holds after all.
 
     All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
     stated under that noise stays so.
@@ -150,6 +150,8 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened
     wide = Noise(WIDE * measurement.rms)
     level = _screened(stated.change, wide)
     stated = min(stated, _exactly(level), key=lambda one: one.end.cost)
+    if _holds(stated):
+        return stated, [], []
     possible = [one for one in (_screened(change, wide) for change in changes) if one.end.cost < level.end.cost + TIE]
     possible.sort(key=lambda one: one.cost)
     screened = [_exactly(one) for one in possible]

@@ -23,7 +23,7 @@ from rotorjax.model.conditions import Conditions, Probes
 from rotorjax.model.contract import ReadingEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
-from rotorjax.physics.harmonic_balance import Grid, grid_of
+from rotorjax.physics.harmonic_balance import grid_of, make_grid
 from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.restoring_forces import Inputs, force_slopes, parameters_of
 from rotorjax.physics.steady_state import Ready, by_order
@@ -87,7 +87,7 @@ def _balance(
     model: Model, values: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
 ) -> tuple[Array, ...]:
     orders, settings = model.layout.orders, model.harmonic_balance
-    grid = Grid(orders, round(1.0 / orders[1]), settings.samples, settings)
+    grid = make_grid(orders, settings)._replace(orders=orders)
     _, unravel = ravel_pytree(model.effects)
 
     def row(values: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Vector, Matrix, Inputs]:

@@ -45,19 +45,19 @@ class HarmonicBalance(NamedTuple):
     margin: int = 4
     """Orders balanced beyond the highest one of the model."""
     fine_order: int = 24
-    """Highest order in the steps that end it: a hard stop needs them, but Newton's method not."""
+    """Highest order in the final refinement, which a hard stop needs."""
     samples: int = 64
-    """Instants per turn of the shaft while a motion is looked for."""
+    """Instants per turn of the shaft, at least, while a motion is looked for."""
     fine_samples: int = 256
-    """The same in the steps that end it: corners fall between instants."""
+    """The same in the final refinement: corners of a force fall between instants."""
     tolerance: float = 1e-6
-    """Of the last change but one, relative to the size of the motion: Newton's method squares it."""
+    """Step of Newton's method, relative to the largest amplitude, at which one more step ends it."""
     newton_steps: int = 12
-    """Of Newton's method, at most."""
+    """Steps of Newton's method, at most."""
     corrections: int = 24
-    """Most steps with the last Jacobian at more orders and instants."""
+    """Steps of the final refinement at more orders and instants, at most."""
     diverges: float = 4.0
-    """How much larger than the smallest so far one of these may be."""
+    """Growth of a step of the final refinement, over the smallest so far, at which it ends."""
 
 
 class Conditions(eqx.Module):

@@ -47,6 +47,8 @@ class Model(eqx.Module, Shown):
     harmonic_balance: HarmonicBalance = eqx.field(static=True, default=HarmonicBalance())
 
     def __check_init__(self) -> None:
+        if min(self.harmonic_balance) <= 0:
+            raise ValueError(f"every setting of harmonic balance must be above zero; they are {self.harmonic_balance}")
         if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (
             len(self.layout.planes),
         ):

@@ -54,7 +54,7 @@ class Grid(NamedTuple):
         """More orders, and more instants."""
         highest = max(self.settings.fine_order * self.turns, len(self.orders) - 1)
         orders = tuple(k / self.turns for k in range(highest + 1))
-        return self._replace(orders=orders, samples=self.settings.fine_samples)
+        return self._replace(orders=orders, samples=_enough(self.settings.fine_samples, orders[-1]))
 
     def synthesis(self, angle: Float[np.ndarray, "instant"]) -> Float[np.ndarray, "coefficient instant"]:
         """Waveform of each coefficient."""
@@ -106,7 +106,13 @@ def make_grid(orders: tuple[float, ...], settings: HarmonicBalance) -> Grid:
             "the others out"
         )
     highest = max(settings.least_order, math.ceil(max(orders)) + settings.margin)
-    return Grid(tuple(k / turns for k in range(highest * turns + 1)), turns, settings.samples, settings)
+    orders = tuple(k / turns for k in range(highest * turns + 1))
+    return Grid(orders, turns, _enough(settings.samples, orders[-1]), settings)
+
+
+def _enough(samples: int, highest: float) -> int:
+    """Instants per turn that tell the highest order from every lower one."""
+    return max(samples, 2 ** math.ceil(math.log2(2.0 * highest + 1.0)))
 
 
 def grid_of(model: Model) -> Grid:

@@ -1,6 +1,6 @@
 """The answer of an explanation in sentences: what is missing, how far the error falls, what is left, what ties."""
 
-from rotorjax.data.declarations import AMPLITUDE_CHANGES, Slip
+from rotorjax.data.declarations import Slip, amplitude_changes
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
@@ -14,8 +14,8 @@ SAID = 2
 HALVED = 2.0
 """Fall of the error from which on effects that do not explain all count as part of the answer."""
 WRONG_BOOKS = (
-    "Rig file or table may state a convention wrongly (sign of phase, sense of rotation, peak-to-peak, unit, exchanged "
-    "cables or runs): `--slips` tries these too."
+    "Rig file or table may state a convention wrongly (sign of phase, sense of rotation, peak-to-peak or rms, unit, "
+    "exchanged cables or runs): `--slips` tries these too."
 )
 
 
@@ -131,7 +131,7 @@ def as_if_lines(found: Explanation) -> list[str]:
     gain = [1.0 + parts[0].value, parts[1].value]
     near = (
         one
-        for one in AMPLITUDE_CHANGES
+        for one in amplitude_changes(found.contest.measurement.knowledge.amplitude)
         if all(
             abs(value - there) <= AS_IF * fitted.quantile * part.standard_error
             for value, there, part in zip(gain, (one.factor, 0.0), parts, strict=True)

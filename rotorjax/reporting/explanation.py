@@ -210,7 +210,11 @@ def cost_line(found: Explanation) -> str:
     """What the explanation took, and what the limit left out."""
     cost = found.cost
     line = f"{cost.linearisations:,} linearisations of single cases, of {cost.limit:,} allowed."
-    return f"{line} Not tried when the limit was reached: {listed(cost.untried)}." if cost.exhausted else line
+    return (
+        f"{line} Not tried when the limit of the search was reached: {listed(cost.untried)}."
+        if cost.exhausted
+        else line
+    )
 
 
 def _convention(rig: Rig | None) -> Convention:

@@ -36,7 +36,7 @@ from rotorjax.web.uploads import (
     sorted_out,
 )
 
-BAD_REQUEST, BUSY, TOO_LARGE, ACCEPTED = 400, 409, 413, 202
+BAD_REQUEST, BUSY, TOO_LARGE, ACCEPTED, STORAGE = 400, 409, 413, 202, 507
 PARTS = {"page.css": "text/css", "page.js": "text/javascript"}
 """Parts of the page besides itself."""
 
@@ -127,6 +127,8 @@ async def _received(request: Request, folder: Path) -> list[Upload]:
                 size = await run_in_threadpool(_store, part, path)
                 uploads.append(Upload(name, path, size))
     except HTTPException as error:
+        if "Too many files" in str(error.detail):
+            raise InputError(f"more than {MOST_FILES} files at one time: give a rig file and what it needs") from error
         raise InputError(f"the files did not arrive whole ({error.detail}); give them again") from error
     return uploads
 
@@ -142,6 +144,11 @@ async def _refused(request: Request, error: Exception) -> Response:
     assert isinstance(error, InputError)
     status = BUSY if isinstance(error, BusyError) else TOO_LARGE if isinstance(error, TooLargeError) else BAD_REQUEST
     return JSONResponse({"problems": error.shown()}, status_code=status)
+
+
+async def _full(request: Request, error: Exception) -> Response:
+    """The disk is full, say."""
+    return JSONResponse({"problems": [f"the files cannot be stored: {error}"]}, status_code=STORAGE)
 
 
 async def _left(request: Request, error: Exception) -> Response:
@@ -188,6 +195,6 @@ def application(port: int, limits: Limits | None = None, command: list[str] | No
     return Starlette(
         routes=routes,
         middleware=[Middleware(guard.Guard, port=port)],
-        exception_handlers={InputError: _refused, ClientDisconnect: _left, HTTPException: _not_there},
+        exception_handlers={InputError: _refused, OSError: _full, ClientDisconnect: _left, HTTPException: _not_there},
         lifespan=lifespan,
     )

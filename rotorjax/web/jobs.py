@@ -74,7 +74,7 @@ class Job:
         spent = _SPENT.fullmatch(line)
         if spent:
             self.spent, self.limit = (int(spent[name].replace(",", "")) for name in ("spent", "limit"))
-        stage = line.partition(" (")[0]
+        stage = spent["stage"] if spent else line
         # How far a file is read is told behind a comma.
         if not self.stages or not f"{stage}, ".startswith(f"{self.stages[-1][1]}, "):
             self.stages.append((time.monotonic() - self.began, stage))
@@ -176,6 +176,9 @@ class Jobs:
 
     async def _run(self, job: Job, ask: dict[str, Any]) -> None:
         """One explanation to its end, whatever that is."""
+        if job.state != "running":
+            _remove(job.folder)
+            return
         try:
             async for answer in self._child.answers(ask):
                 job.take(answer)

@@ -11,6 +11,7 @@ NOT_IN_THE_RIG_FILE = ("amplitude_unit", "amplitude_unit.mil")
 CHANGES = (
     ("", ""),
     ('amplitude = "peak"', 'amplitude = "peak-to-peak"'),
+    ('amplitude = "peak"', 'amplitude = "rms"'),
     ('rotation = "x-to-y"', 'rotation = "y-to-x"\nslow_roll_subtracted = true'),
     ('gravity = "-y"', "gravity = { angle_deg = 30.0 }"),
     ("{ magnitude_g_mm = 30.0, angle_deg = 120.0 }", "[{ magnitude_g_mm = 30.0, angle_deg = 120.0 }]"),

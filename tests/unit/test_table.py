@@ -273,16 +273,19 @@ def test_conventions(tmp_path):
     assert m.vectors[0, 0, 0] == pytest.approx(19.93e-6 / 2 * np.exp(1j * np.radians(31.4)))
     assert m.sigma[0, 0, 0] == pytest.approx(0.15e-6)
     m = read(tmp_path, f"{HEADER}\n{BODY}", RIG + '[convention]\namplitude = "rms"\n')
+    assert m.sigma[0, 0, 0] == pytest.approx(0.3e-6 * np.sqrt(2.0))
     assert m.vectors[0, 0, 0] == pytest.approx(19.93e-6 * np.sqrt(2.0) * np.exp(-1j * np.radians(31.4)))
     constant = "baseline,1500,X,0,19.93,180,0.3"
     still = read(tmp_path, f"{HEADER}\n{constant}\n", RIG + '[convention]\namplitude = "rms"\n')
     assert still.vectors[0, 0, 0] == pytest.approx(-19.93e-6)
 
 
-def test_written_and_read_again(tmp_path):
+@pytest.mark.parametrize("amplitude", ["peak-to-peak", "rms"])
+def test_written_and_read_again(tmp_path, amplitude):
     from helpers import RIG
 
-    data, toml = write(tmp_path, rig=RIG + '[convention]\namplitude = "peak-to-peak"\nphase = "lag"\n')
+    table = "\n".join([HEADER, *ROWS, "baseline,1500,X,0,7.5,180,0.3"]) + "\n"
+    data, toml = write(tmp_path, table=table, rig=RIG + f'[convention]\namplitude = "{amplitude}"\nphase = "lag"\n')
     rig = read_rig(toml)
     m = read_measurement(data, rig)
     rig.write_measurement(tmp_path / "again.csv", m)

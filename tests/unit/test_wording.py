@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, fit, response, tell
-from rotorjax.data.declarations import AMPLITUDE_CHANGES
+from rotorjax.data.declarations import amplitude_changes
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.force_shapes import Reach
 from rotorjax.discovery.named_force import reached
@@ -134,16 +134,27 @@ def test_a_polar_plot_says_how_its_angles_count():
         assert phase in axes.get_xlabel()
 
 
-@pytest.mark.parametrize("kind", ["amplitude_doubled", "amplitude_rms"])
-def test_a_gain_that_a_convention_would_explain_is_said_to_be_one(kind):
-    change = next(one for one in AMPLITUDE_CHANGES if one.kind == kind)
+@pytest.mark.parametrize(
+    ("stated", "kind", "factor"),
+    [
+        ("peak", "amplitude_doubled", 2.0),
+        ("peak", "amplitude_rms", 0.5**0.5),
+        ("rms", "amplitude_peak", 2.0**0.5),
+        ("peak-to-peak", "amplitude_halved", 0.5),
+    ],
+)
+def test_a_gain_that_a_convention_would_explain_is_said_to_be_one(stated, kind, factor):
+    change = next(one for one in amplitude_changes(stated) if one.kind == kind)
+    assert change.factor == pytest.approx(factor)
     model, m = measured(factor=change.factor)
+    m = dataclasses.replace(m, knowledge=dataclasses.replace(m.knowledge, amplitude=stated))
     found = explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False)
     assert found.effects == ("chain_gain",)
     (line,) = as_if_lines(found)
     assert change.meaning in line
     assert line in sentence(found)
     model, m = measured(factor=0.95 * change.factor)
+    m = dataclasses.replace(m, knowledge=dataclasses.replace(m.knowledge, amplitude=stated))
     assert not as_if_lines(explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False))
 
 

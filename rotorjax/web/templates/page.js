@@ -107,6 +107,8 @@ async function begin(path, body) {
     enable(false);
     at("progress").hidden = true;
     say(answer.problems);
+    // What was there before stays; one that another window has begun can be watched, and cancelled.
+    if (!answer.gone) watch(true);
     return;
   }
   watch();
