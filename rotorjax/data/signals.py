@@ -115,14 +115,7 @@ def vectors_from_waveform(
     _check_orders(orders, drift, changing, revolutions=count, samples=int(used.sum()))
     angle = np.where(used, shaft_angle(instants, marks), np.nan)
     design = _design(angle[used], instants[used], orders, drift, changing)
-    # Orders that a record resolves are nearly orthogonal: normal equations lose nothing and take a quarter of the time.
-    normal = design.T @ design
-    if np.linalg.cond(normal) > WORST_CONDITION:
-        raise ValueError(
-            f"the orders {', '.join(f'{order:g}' for order in orders)} cannot be told apart in {count} revolutions of "
-            f"{used.sum() / count:.4g} samples: record longer or faster, or leave some out"
-        )
-    solution = np.linalg.solve(normal, design.T @ waves[used])
+    solution = _fitted(design, waves[used], orders, count)
     residual = np.full(waves.shape, np.nan)
     residual[used] = left = waves[used] - design @ solution
     turning = np.asarray(orders, dtype=float)
@@ -136,6 +129,22 @@ def vectors_from_waveform(
         float(speed / RPM), _speed_change(marks), count, angle, residual,
         solution[level], _constant_error(left, design, angle[used], turning, count, level),
     )  # fmt: skip
+
+
+def _fitted(
+    design: Float[np.ndarray, "sample _"], waves: Float[np.ndarray, "sample probe"], orders: Sequence[float], count: int
+) -> Float[np.ndarray, "_ probe"]:
+    """Least squares by normal equations: orders that a record resolves are nearly orthogonal, so that nothing is lost.
+
+    **Errors.** ``ValueError`` for orders that it does not.
+    """
+    normal = design.T @ design
+    if np.linalg.cond(normal) > WORST_CONDITION:
+        raise ValueError(
+            f"the orders {', '.join(f'{order:g}' for order in orders)} cannot be told apart in {count} revolutions of "
+            f"{len(design) / count:.4g} samples: record longer or faster, or leave some out"
+        )
+    return np.linalg.solve(normal, design.T @ waves)
 
 
 def _of_late_pulses(

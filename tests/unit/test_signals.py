@@ -463,3 +463,10 @@ def test_channels_without_pulses(rng):
         ValueError, match="never crosses the threshold 3, it stays from 0 to 1: give a threshold inside"
     ):
         pulse_times(time, one, threshold=3.0)
+
+
+def test_orders_that_a_record_cannot_tell_apart_are_refused():
+    """2X at hardly more than four samples per revolution, with vectors that change."""
+    time = np.arange(0.0, 12.0, 1.0 / 4.0001)
+    with pytest.raises(ValueError, match="record longer or faster"):
+        vectors_from_waveform(time, np.sin(time)[:, None], np.arange(13.0), orders=(1.0, 2.0), changing=2)
