@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import tabulate
+
 from scoring import (
     CERTAIN,
     SEEN,
@@ -105,6 +106,7 @@ def _cases(rows: Sequence[Row]) -> str:
         brings = ", ".join(f"{value:.0f}" for value in row["improvements"].values())
         ties = "; ".join(" + ".join(names) or "nothing" for names in row["ties"])
         answer = " + ".join(row["named"]) or "nothing"
+        answer += f" (small: {', '.join(row['small'])})" if row.get("small") else ""
         p = row.get("probability")
         lines.append(
             [row["seed"], truth, brings, f"{row['noise']:.0%}", row["poorer"], row["verdict"], answer, ties,

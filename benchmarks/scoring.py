@@ -1,7 +1,8 @@
 """Scores of answers to drawn cases: pure functions of rows, each with what is true and what was answered.
 
-What counts as what is the same for every tool. *Right*: what is named is just what is hidden. *Confident*: the verdict
-is "explained" or "nothing missing". *Seen*: it improves chi-square by more than 30; what does not may be left out.
+What counts as what is the same for every tool. *Seen*: it improves chi-square by more than 30; what does not may be
+left out. *Right*: nothing is named that is not hidden, and all that can be seen is, be it among what is said to be too
+small to matter. *Confident*: the verdict is "explained" or "nothing missing".
 """
 
 import csv
@@ -35,35 +36,65 @@ def named(row: Row) -> frozenset[str]:
     return frozenset(row["named"])
 
 
+def small(row: Row) -> frozenset[str]:
+    """What was said to be there, but too small to matter."""
+    return frozenset(row.get("small", ()))
+
+
+def improvements(row: Row) -> dict[str, float]:
+    """What each thing hidden brings in chi-square."""
+    return {**row["improvements"], **({row["mistake"]: row["mistake_improvement"]} if row["mistake"] else {})}
+
+
 def weakest(row: Row) -> float:
     """Improvement in chi-square by the least visible of what is hidden; endless where nothing is."""
-    every = [*row["improvements"].values(), *([row["mistake_improvement"]] if row["mistake"] else [])]
-    return min(every, default=math.inf)
+    return min(improvements(row).values(), default=math.inf)
+
+
+def needed(row: Row) -> frozenset[str]:
+    """What is hidden and can be seen."""
+    return frozenset(name for name in hidden(row) if improvements(row)[name] > SEEN)
+
+
+def stands_out(row: Row) -> bool:
+    """Whether all that is hidden changes the vectors by more than the noise, root mean square: then it improves
+    chi-square by more than the number of real and imaginary parts.
+    """
+    return weakest(row) > 2 * row["cells"]
+
+
+def _fits(row: Row, names: frozenset[str]) -> bool:
+    told = names | small(row)
+    return row["outside"] is None and needed(row) <= told <= hidden(row)
 
 
 def is_right(row: Row) -> bool:
-    """Whether what is named is what is hidden, whatever the verdict."""
-    return row["outside"] is None and named(row) == hidden(row)
+    """Whether the answer is right, whatever the verdict."""
+    return _fits(row, named(row))
 
 
 def is_right_or_tied(row: Row) -> bool:
     """The same, or what is said to tie with it."""
-    return row["outside"] is None and hidden(row) in [named(row), *map(frozenset, row["ties"])]
+    return any(_fits(row, names) for names in [named(row), *map(frozenset, row["ties"])])
 
 
 def is_confident_wrong(row: Row) -> bool:
-    """Whether the verdict is confident and something is named that is not hidden, or something is left out that can be
-    seen.
+    """Whether the verdict is confident, and something is named that is not hidden, or something that can be seen is
+    left out without a word. What is too small to matter by another name is not counted here: `is_small_misnamed`.
     """
     if row["verdict"] not in CONFIDENT:
         return False
     if row["outside"] is not None:
-        return row["verdict"] == "explained" or weakest(row) > SEEN
-    answer, truth = named(row), hidden(row)
-    if answer == truth or truth in map(frozenset, row["contains"]):
+        return row["verdict"] == "explained" or (weakest(row) > SEEN and not small(row))
+    if any(needed(row) <= names <= hidden(row) for names in map(frozenset, row["contains"])):
         return False
-    improvements = {**row["improvements"], **({row["mistake"]: row["mistake_improvement"]} if row["mistake"] else {})}
-    return not answer < truth or any(improvements[name] > SEEN for name in truth - answer)
+    unsaid = not needed(row) <= named(row) | small(row) and small(row) <= hidden(row)
+    return not named(row) <= hidden(row) or unsaid
+
+
+def is_small_misnamed(row: Row) -> bool:
+    """Whether what is said to be too small to matter is not hidden."""
+    return row["verdict"] in CONFIDENT and not small(row) <= hidden(row)
 
 
 def judged(row: Row) -> str:
@@ -76,7 +107,7 @@ def judged(row: Row) -> str:
         return "right" if row["verdict"] in CONFIDENT else f"right, {row['verdict']}"
     if is_right_or_tied(row):
         return "among what ties"
-    return "left open" if row["verdict"] not in CONFIDENT else "right but for the small"
+    return "left open" if row["verdict"] not in CONFIDENT else "small by another name"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,15 +162,18 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     return [
         rate("1 % noise, standard plan: right", clean, is_right, ">= 0.97"),
         rate("the same, or said to tie", clean, is_right_or_tied, ">= 0.99"),
+        rate("of the first, those above the noise: right", [*filter(stands_out, clean)], is_right),
+        rate("the same, or said to tie", [*filter(stands_out, clean)], is_right_or_tied),
         rate("5 % noise, standard plan: right", standard(rows, 0.05), is_right, ">= 0.93"),
         rate("10 % noise, standard plan: right", standard(rows, 0.1), is_right, ">= 0.85"),
         rate("all: confident and wrong", rows, is_confident_wrong, "<= 0.005"),
+        rate("all: too small to matter, by a wrong name", rows, is_small_misnamed),
         rate("nothing hidden: explained by something", nothing, explained, "<= 0.02"),
         rate("force outside the catalogue: not called explained", outside, lambda r: not explained(r), ">= 0.95"),
         rate("mistake: named, or tied", mistaken, _mistake_named, ">= 0.90"),
         rate("mistake: explained by something else", mistaken, _mistake_lost, "<= 0.01"),
-        rate("two effects, standard plan: both named", usual, lambda r: hidden(r) <= named(r), ">= 0.85"),
-        rate("two effects, all plans: both named", two, lambda r: hidden(r) <= named(r)),
+        rate("two effects, standard plan: both named", usual, lambda r: hidden(r) <= named(r) | small(r), ">= 0.85"),
+        rate("two effects, all plans: both named", two, lambda r: hidden(r) <= named(r) | small(r)),
         rate("set of 95 %: holds the truth", with_set(rows), _in_set, "0.93 to 1.0"),
         rate("intervals of 90 %: hold the true value", intervals(rows, exact=True), bool, "0.85 to 0.95"),
         rate("the same, where the true value is an estimate", intervals(rows, exact=False), bool),
@@ -231,7 +265,7 @@ def with_set(rows: Sequence[Row]) -> list[Row]:
 
 
 def _in_set(row: Row) -> bool:
-    return hidden(row) in map(frozenset, row["set95"])
+    return any(_fits(row, names) for names in map(frozenset, row["set95"]))
 
 
 def mean_set(rows: Sequence[Row]) -> float | None:
@@ -279,6 +313,7 @@ def read_answers(answers: Path, truth: Path) -> list[Row]:
                 "set95": [_names(part) for part in (line.get("set95") or "").split(";") if part.strip()],
                 "contains": [],
                 "sizes": [],
+                "small": [],
             }
         )
     return rows

@@ -38,10 +38,10 @@ SEEN = 1000
 def explained(seed: int) -> dict[str, Any]:
     """One case: what is true, what was answered, and how long that took."""
     # Here, so that what scores and writes needs no JAX.
-    from answers import answer  # noqa: PLC0415
-
     from rotorjax import explain, read_measurement, read_rig  # noqa: PLC0415
     from rotorjax.compilation import spare_memory_maps, use_double_precision  # noqa: PLC0415
+
+    from answers import answer  # noqa: PLC0415
 
     use_double_precision()
     case = draw(seed)

@@ -9,7 +9,7 @@ from detailed import hidden as hide
 from detailed.hidden import DOWN, EFFECTS, OUTSIDE, TWICE, WEIGHED, Hidden, Plant, Scale
 from detailed.in_time import Condition, NoSteadyStateError, waveforms
 from detailed.mistakes import Mistake, mistakes
-from detailed.rotor import A, DISK, Rotor
+from detailed.rotor import DISK, A, Rotor
 from detailed.stated import Plan, Stated, deviation, fitted, misfit
 
 KINDS = (
@@ -160,7 +160,7 @@ def _names(seed: int, kind: str, rng: np.random.Generator) -> tuple[list[str], s
         return [], None
     names = [main]
     if kind == "two":
-        others = [name for name in EFFECTS if name != main and name != "plane_participation"]
+        others = [name for name in EFFECTS if name not in (main, "plane_participation")]
         names.append(str(rng.choice(others)))
     return names, None
 

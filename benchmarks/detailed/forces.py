@@ -44,7 +44,7 @@ def stop(stiffness: float, gap: float, friction: float = 0.0) -> Force:
 
 
 def crack(loss: complex, gravity: tuple[float, float]) -> Force:
-    """-Δk b e (e·d): e turns with the shaft, begins at the angle of ``loss``; b is 1 where e points down, 0 where up."""
+    """-Δk b e (e·d): e turns with the shaft, at first at the angle of ``loss``; b is 1 where e points down, 0 up."""
     weight, phase = np.hypot(*gravity), np.angle(loss)
 
     def law(angle, q, v, d):

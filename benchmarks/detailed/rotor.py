@@ -65,7 +65,7 @@ class Rotor:
     spring_growing: tuple[float, float] = (0.0, 0.0)
     """The same at the reference speed, growing with speed squared [N/m]."""
     axes: float = 0.0
-    """Turn of the bearings from x towards y [rad]."""
+    """Turn of the springs of the bearings from x towards y [rad]; their dampers stay."""
     cross: float = 0.0
     """Force on the disk across its motion; above zero it drives forward whirl [N/m]."""
     internal: float = 0.0
@@ -119,7 +119,7 @@ class Rotor:
         half = 0.5 * self.shaft_mass
         masses = [half / 2, half / 2, self.disk_mass + self.mass_added + half, 0.5 * self.polar]
         mass = np.kron(np.eye(2), np.diag([*masses, *([] if self.frame is None else [self.frame.mass])]))
-        bearings, dampers = self._bearings(self.bearing_stiffness), self._bearings(self.bearing_damping)
+        bearings, dampers = self._bearings(self.bearing_stiffness, self.axes), self._bearings(self.bearing_damping, 0.0)
         stiffness = shaft + bearings + disk.T @ (np.diag(self.spring) + growth * np.diag(self.spring_growing)) @ disk
         factor = np.kron(np.diag(self.damping_factor), np.eye(n))
         damping = np.sqrt(factor) @ (dampers + disk.T @ np.diag(self.disk_damping) @ disk) @ np.sqrt(factor)
@@ -135,9 +135,9 @@ class Rotor:
             )
         return mass, damping, stiffness
 
-    def _bearings(self, pair: tuple[float, float]) -> np.ndarray:
-        """Springs or dampers under both journals, turned."""
-        cosine, sine = np.cos(self.axes), np.sin(self.axes)
+    def _bearings(self, pair: tuple[float, float], angle: float) -> np.ndarray:
+        """Springs or dampers under both journals, turned from x towards y."""
+        cosine, sine = np.cos(angle), np.sin(angle)
         turn = np.array([[cosine, -sine], [sine, cosine]])
         turned = turn @ np.diag(pair) @ turn.T
         total = np.zeros((2 * self.places, 2 * self.places))
