@@ -86,6 +86,10 @@ class _Bench:
     weights: Mapping[str, tuple[tuple[complex, str], ...]]
     sigma: float = 0.0
 
+    def __post_init__(self) -> None:
+        self.healthy = self.stated.values()
+        """Of the plain rotor that comes nearest without anything hidden: the rig file may be off them."""
+
     def vectors(self, plant: Plant, steps: int = STEPS) -> np.ndarray:
         """Without noise, condition x probe x order [m]."""
         share = {name: p for name, p in self.stated.planes.items()}
@@ -190,6 +194,7 @@ def _bench(rng: np.random.Generator, names: list[str], other: str | None, poorer
     )
     bench = _Bench(rotor, first, plan, weights)
     bench.stated = fitted(first, plan, bench.vectors(Plant(rotor)))
+    bench.healthy = bench.stated.values()
     bench.rotor = dataclasses.replace(rotor, reference_speed=bench.stated.frequency)
     return bench
 
@@ -274,7 +279,7 @@ def _brings(
     others = [part for k, part in enumerate(parts) if k != which]
     without = bench.vectors(_plant(bench, others))
     spread = deviation(whole, bench.sigma, bench.stated.tolerance)
-    return misfit(bench.stated, bench.plan, whole - without, spread, present)
+    return misfit(bench.stated, bench.plan, whole - without, spread, present, bench.healthy)
 
 
 def _sized(bench: _Bench, found: list[Hidden], present: np.ndarray, rng: np.random.Generator) -> list[Present]:

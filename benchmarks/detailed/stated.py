@@ -13,8 +13,6 @@ from scipy.optimize import least_squares
 GRAVITY = 9.80665
 GRAM_MILLIMETRE = 1e-6
 """kg m in a g mm."""
-SHIFT = 1e-5
-"""Of the logarithm of a value, for its slope."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,29 +116,35 @@ def deviation(z: np.ndarray, sigma: float, tolerance: float) -> np.ndarray:
     return np.broadcast_to(np.sqrt(sigma**2 + (tolerance * size) ** 2), z.shape)
 
 
-def misfit(stated: Stated, plan: Plan, error: np.ndarray, spread: np.ndarray, present: np.ndarray) -> float:
+def misfit(
+    stated: Stated,
+    plan: Plan,
+    error: np.ndarray,
+    spread: np.ndarray,
+    present: np.ndarray,
+    base: np.ndarray | None = None,
+) -> float:
     """Chi-square of an error of the vectors, condition x probe x order, that is left when what the rig file calls
-    uncertain is fitted: linear least squares, its prior one more row for each.
+    uncertain is fitted, with what that costs by its prior beyond what ``base`` costs.
+
+    **Arguments:** ``base``: values of the plain rotor without the error, as stated unless given.
     """
     doubts = stated.doubts()
-    values, here = stated.values(), stated.predicted(plan)
-    columns = []
-    for k in np.flatnonzero(doubts):
-        moved = values.copy()
-        moved[k] *= np.exp(SHIFT * doubts[k])
-        columns.append((stated.predicted(plan, moved) - here) / SHIFT)
+    free = np.flatnonzero(doubts)
+    base = stated.values() if base is None else base
+    here, off = stated.predicted(plan, base), np.log(base / stated.values())[free] / doubts[free]
 
-    def rows(z: np.ndarray) -> np.ndarray:
-        whitened = (z / spread)[present]
-        return np.concatenate([whitened.real, whitened.imag])
+    def rows(steps: np.ndarray) -> np.ndarray:
+        moved = base.copy()
+        moved[free] *= np.exp(doubts[free] * steps)
+        whitened = ((error - stated.predicted(plan, moved) + here) / spread)[present]
+        return np.concatenate([whitened.real, whitened.imag, off + steps])
 
-    wanted = rows(error)
-    if not columns:
-        return float(wanted @ wanted)
-    design = np.vstack([np.stack([rows(c) for c in columns], axis=1), np.eye(len(columns))])
-    wanted = np.concatenate([wanted, np.zeros(len(columns))])
-    left = wanted - design @ np.linalg.lstsq(design, wanted)[0]
-    return float(left @ left)
+    start = rows(np.zeros(len(free)))
+    if not len(free):
+        return float(start @ start)
+    best = least_squares(rows, np.zeros(len(free)), method="lm")
+    return float(max(0.0, 2.0 * best.cost - off @ off))
 
 
 def fitted(stated: Stated, plan: Plan, healthy: np.ndarray) -> Stated:
