@@ -73,6 +73,11 @@ def is_right(row: Row) -> bool:
     return _fits(row, named(row))
 
 
+def is_named(row: Row) -> bool:
+    """Whether the answer itself is right, without what is said to be too small to matter."""
+    return row["outside"] is None and needed(row) <= named(row) <= hidden(row)
+
+
 def is_right_or_tied(row: Row) -> bool:
     """The same, or what is said to tie with it."""
     return any(_fits(row, names) for names in [named(row), *map(frozenset, row["ties"])])
@@ -86,10 +91,15 @@ def is_confident_wrong(row: Row) -> bool:
         return False
     if row["outside"] is not None:
         return row["verdict"] == "explained" or (weakest(row) > SEEN and not small(row))
-    if any(needed(row) <= names <= hidden(row) for names in map(frozenset, row["contains"])):
+    if is_contained(row):
         return False
     unsaid = not needed(row) <= named(row) | small(row) and small(row) <= hidden(row)
     return not named(row) <= hidden(row) or unsaid
+
+
+def is_contained(row: Row) -> bool:
+    """Whether less is named, and what is hidden is said to do the same with more parameters."""
+    return any(needed(row) <= names <= hidden(row) for names in map(frozenset, row["contains"]))
 
 
 def is_small_misnamed(row: Row) -> bool:
@@ -107,7 +117,9 @@ def judged(row: Row) -> str:
         return "right" if row["verdict"] in CONFIDENT else f"right, {row['verdict']}"
     if is_right_or_tied(row):
         return "among what ties"
-    return "left open" if row["verdict"] not in CONFIDENT else "small by another name"
+    if row["verdict"] not in CONFIDENT:
+        return "left open"
+    return "in other words" if is_contained(row) else "small by another name"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,11 +174,13 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     return [
         rate("1 % noise, standard plan: right", clean, is_right, ">= 0.97"),
         rate("the same, or said to tie", clean, is_right_or_tied, ">= 0.99"),
+        rate("of the first: named in the answer itself, not as too small", clean, is_named),
         rate("of the first, those above the noise: right", [*filter(stands_out, clean)], is_right),
         rate("the same, or said to tie", [*filter(stands_out, clean)], is_right_or_tied),
         rate("5 % noise, standard plan: right", standard(rows, 0.05), is_right, ">= 0.93"),
         rate("10 % noise, standard plan: right", standard(rows, 0.1), is_right, ">= 0.85"),
         rate("all: confident and wrong", rows, is_confident_wrong, "<= 0.005"),
+        rate("all: less named, what is hidden said to contain it", rows, _in_other_words),
         rate("all: too small to matter, by a wrong name", rows, is_small_misnamed),
         rate("nothing hidden: explained by something", nothing, explained, "<= 0.02"),
         rate("force outside the catalogue: not called explained", outside, lambda r: not explained(r), ">= 0.95"),
@@ -178,6 +192,10 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         rate("intervals of 90 %: hold the true value", intervals(rows, exact=True), bool, "0.85 to 0.95"),
         rate("the same, where the true value is an estimate", intervals(rows, exact=False), bool),
     ]
+
+
+def _in_other_words(row: Row) -> bool:
+    return judged(row) == "in other words"
 
 
 def _mistake_named(row: Row) -> bool:
