@@ -23,8 +23,8 @@ def answer(found: Explanation) -> dict[str, Any]:
     return {
         "verdict": found.verdict,
         "named": list(found.named),
-        "probability": None if found.verdict == "unexplained" else _by_steps(found),
-        "joint_probability": joint.get(named, 0.0),
+        "probability": None if found.verdict == "unexplained" else joint.get(named, 0.0),
+        "step_probability": None if found.verdict == "unexplained" else _by_steps(found),
         "set95": [sorted(names) for names in _smallest(joint)],
         "ties": [sorted(names) for names in _alternatives(found, found.ties.tied)]
         + [sorted(other.named) for other in found.written.tied],

@@ -75,7 +75,7 @@ def _rates(rows: Sequence[Row]) -> str:
 
 def _numbers(rows: Sequence[Row]) -> str:
     listed: list[list[str]] = []
-    wanted = (("as the rankings state them", "probability"), ("among sets that were fitted", "joint_probability"))
+    wanted = (("among sets that were fitted", "probability"), ("step by step, as ranked", "step_probability"))
     for words, key in wanted:
         for below, where in ((1.0, ""), (CERTAIN, f", without those above {CERTAIN}")):
             found = calibration([row for row in rows if row.get(key) is not None], key, below)
@@ -140,7 +140,7 @@ def draw_reliability(rows: Sequence[Row], path: Path) -> None:
     """Share right over probability stated."""
     figure, ax = plt.subplots(figsize=(4.5, 4.5), layout="constrained")
     ax.plot([0, 1], [0, 1], color="grey", lw=1)
-    for key, label in (("probability", "as the rankings state"), ("joint_probability", "among sets fitted")):
+    for key, label in (("probability", "among sets fitted"), ("step_probability", "step by step, as ranked")):
         found = calibration([row for row in rows if row.get(key) is not None], key)
         if found is not None:
             p, share, count = np.array(found.bins).T

@@ -18,7 +18,7 @@ KINDS = (
 )  # fmt: skip
 """What is hidden takes turns, and so do the effects, as many as are prime to it."""
 NOISES = (0.01, 0.05, 0.01, 0.1)
-"""Standard error of real and imaginary part over the median amplitude at 1X, in turns."""
+"""Standard error of real and imaginary part over the median amplitude at 1X of runs with unbalance, in turns."""
 POORER = ("one probe", "one run", "few speeds", "one trial weight", "noise unknown")
 IMPROVEMENT = (10.0, 1e4)
 STEPS = 192
@@ -136,7 +136,8 @@ def _drawn(seed: int, rng: np.random.Generator) -> Case:
     bench = _bench(rng, names, other, poorer, weighed)
     healthy = bench.vectors(Plant(bench.rotor))
     scale = _scale(bench, healthy)
-    bench.sigma = noise * float(np.median(np.abs(healthy[:, :, bench.plan.orders.index(1)])))
+    once = np.abs(healthy[:, :, bench.plan.orders.index(1)])
+    bench.sigma = noise * float(np.median(once[once > 0.0]))
     present = _present(bench, poorer, rng)
     bench.stated = _declared(bench.stated, names, rng)
     gravity = DOWN if weighed else (0.0, 0.0)

@@ -148,19 +148,18 @@ def misfit(
 
 
 def fitted(stated: Stated, plan: Plan, healthy: np.ndarray) -> Stated:
-    """The rig file with stiffness, damping and tolerance as vectors of the healthy rotor give them: relative errors are
-    made least, and what is left of them is the tolerance, per real and imaginary part.
+    """The rig file with stiffness, damping, mass and tolerance as vectors of the healthy rotor give them: relative
+    errors are made least, and what is left of them, root mean square per real and imaginary part, is the tolerance.
     """
     size = np.sqrt(np.sum(np.abs(healthy) ** 2, axis=1, keepdims=True))
     seen = np.broadcast_to(size > 1e-3 * size.max(), healthy.shape)
     start = stated.values()
 
     def errors(logs: np.ndarray) -> np.ndarray:
-        relative = (stated.predicted(plan, start * np.exp([*logs, 0.0])) - healthy) / np.where(size > 0.0, size, 1.0)
+        relative = (stated.predicted(plan, start * np.exp(logs)) - healthy) / np.where(size > 0.0, size, 1.0)
         return np.concatenate([relative.real[seen], relative.imag[seen]])
 
-    found = least_squares(errors, np.zeros(4), x_scale=0.01)
-    values = start * np.exp([*found.x, 0.0])
+    found = least_squares(errors, np.zeros(len(start)), x_scale=0.01)
     tolerance = float(np.sqrt(np.mean(errors(found.x) ** 2)))
-    pairs = tuple(map(float, values[:2])), tuple(map(float, values[2:4]))
-    return dataclasses.replace(stated, stiffness=pairs[0], ratio=pairs[1], tolerance=tolerance)
+    kx, ky, zx, zy, mass = map(float, start * np.exp(found.x))
+    return dataclasses.replace(stated, mass=mass, stiffness=(kx, ky), ratio=(zx, zy), tolerance=tolerance)
