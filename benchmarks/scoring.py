@@ -302,6 +302,11 @@ def intervals(rows: Sequence[Row], *, exact: bool) -> list[bool]:
     return found
 
 
+def read_rows(path: Path) -> list[Row]:
+    """Rows as a campaign wrote them, one a line."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
 def read_answers(answers: Path, truth: Path) -> list[Row]:
     """Rows from the answers of another tool and what is true.
 

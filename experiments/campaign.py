@@ -29,8 +29,10 @@ from rotorjax.batch.store import Store
 from detailed.case import KINDS, NOISES, draw
 from detailed.files import truth, write, write_case
 from score_page import write_page
-from scoring import judged, read_answers
+from scoring import judged, read_answers, read_rows
 
+ROWS = "rows.jsonl"
+"""All rows of a run, to be scored again."""
 SEEN = 1000
 """Seeds below were looked at while the method and the cases were made."""
 
@@ -93,7 +95,9 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=processors(), help="processes at one time (%(default)s)")
     parser.add_argument("--output", type=Path, help="folder for rows, scores and pictures")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the cases as rig files and tables, no more")
-    parser.add_argument("--score", type=Path, metavar="ANSWERS.csv", help="score the answers of another tool")
+    parser.add_argument(
+        "--score", type=Path, metavar="ANSWERS.csv", help=f"score the answers of another tool, or {ROWS}"
+    )
     parser.add_argument("--truth", type=Path, help="with --score: what is true, as --write leaves it beside its folder")
     return parser.parse_args()
 
@@ -108,8 +112,9 @@ def main() -> None:
         sys.exit("--output FOLDER is needed")
     options.output.mkdir(parents=True, exist_ok=True)
     if options.score:
-        rows = read_answers(options.score, options.truth)
-        print(write_page(rows, options.output, {"answers": options.score.name}))
+        kept = options.score.suffix == ".jsonl"
+        rows = read_rows(options.score) if kept else read_answers(options.score, options.truth)
+        print(write_page(rows, options.output, {"answers": options.score.name, "code": code()}))
         return
     configuration = {"cases": "detailed rotor", "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
     with Store(options.output / "rows.sqlite", configuration) as store:
@@ -117,6 +122,8 @@ def main() -> None:
         kept = store.rows()
     failed = [f"{row['name']}: {row['failure']}" for row in kept if row["failure"]]
     rows = sorted((row for row in kept if not row["failure"]), key=lambda row: row["seed"])
+    lines = [json.dumps(row, sort_keys=True) for row in rows]
+    (options.output / ROWS).write_text("\n".join(lines) + "\n", encoding="utf-8")
     about = {**configuration, "seeds": f"{seeds[0]} to {seeds[-1]}", "code": code(), "failed": failed}
     print(write_page(rows, options.output, about))
 
