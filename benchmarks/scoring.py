@@ -90,11 +90,15 @@ def is_confident_wrong(row: Row) -> bool:
     if row["verdict"] not in CONFIDENT:
         return False
     if row["outside"] is not None:
-        return row["verdict"] == "explained" or (weakest(row) > SEEN and not small(row))
+        return (row["verdict"] == "explained" and row["beyond"] > SEEN) or (weakest(row) > SEEN and _says_nothing(row))
     if is_contained(row):
         return False
     unsaid = not needed(row) <= named(row) | small(row) and small(row) <= hidden(row)
     return not named(row) <= hidden(row) or unsaid
+
+
+def _says_nothing(row: Row) -> bool:
+    return row["verdict"] == "nothing missing" and not small(row)
 
 
 def is_contained(row: Row) -> bool:
@@ -112,7 +116,8 @@ def judged(row: Row) -> str:
     if is_confident_wrong(row):
         return "WRONG"
     if row["outside"] is not None:
-        return "not called explained" if row["verdict"] != "nothing missing" else "too small to see"
+        said = {"nothing missing": "too small to see", "explained": "by a relative that does the same"}
+        return said.get(row["verdict"], "not called explained")
     if is_right(row):
         return "right" if row["verdict"] in CONFIDENT else f"right, {row['verdict']}"
     if is_right_or_tied(row):
@@ -167,10 +172,10 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     clean, in_catalogue = standard(rows, 0.01), [row for row in rows if row["outside"] is None]
     nothing = [row for row in in_catalogue if not hidden(row)]
     outside = [row for row in rows if row["outside"] is not None and weakest(row) > SEEN]
+    told = [row for row in outside if row["beyond"] > SEEN]
     mistaken = [row for row in in_catalogue if row["mistake"] and row["mistake_improvement"] > SEEN]
     two = [row for row in in_catalogue if len(row["effects"]) == 2 and row["mistake"] is None and weakest(row) > SEEN]
     usual = [row for row in two if row["poorer"] == "none"]
-    explained = lambda row: row["verdict"] == "explained"  # noqa: E731
     return [
         rate("1 % noise, standard plan: right", clean, is_right, ">= 0.97"),
         rate("the same, or said to tie", clean, is_right_or_tied, ">= 0.99"),
@@ -182,8 +187,9 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         rate("all: confident and wrong", rows, is_confident_wrong, "<= 0.005"),
         rate("all: less named, what is hidden said to contain it", rows, _in_other_words),
         rate("all: too small to matter, by a wrong name", rows, is_small_misnamed),
-        rate("nothing hidden: explained by something", nothing, explained, "<= 0.02"),
-        rate("force outside the catalogue: not called explained", outside, lambda r: not explained(r), ">= 0.95"),
+        rate("nothing hidden: explained by something", nothing, lambda r: not _not_explained(r), "<= 0.02"),
+        rate("force outside the catalogue, told from it: not called explained", told, _not_explained, ">= 0.95"),
+        rate("force outside the catalogue, seen: not called explained", outside, _not_explained),
         rate("mistake: named, or tied", mistaken, _mistake_named, ">= 0.90"),
         rate("mistake: explained by something else", mistaken, _mistake_lost, "<= 0.01"),
         rate("two effects, standard plan: both named", usual, lambda r: hidden(r) <= named(r) | small(r), ">= 0.85"),
@@ -192,6 +198,10 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         rate("intervals of 90 %: hold the true value", intervals(rows, exact=True), bool, "0.85 to 0.95"),
         rate("the same, where the true value is an estimate", intervals(rows, exact=False), bool),
     ]
+
+
+def _not_explained(row: Row) -> bool:
+    return row["verdict"] != "explained"
 
 
 def _in_other_words(row: Row) -> bool:

@@ -9,6 +9,7 @@ from detailed import hidden as hide
 from detailed.hidden import DOWN, EFFECTS, OUTSIDE, TWICE, WEIGHED, Hidden, Plant, Scale
 from detailed.in_time import Condition, NoSteadyStateError, waveforms
 from detailed.mistakes import Mistake, mistakes
+from detailed.relatives import left_by_relative
 from detailed.rotor import DISK, A, Rotor
 from detailed.stated import Plan, Stated, deviation, fitted, misfit
 
@@ -59,6 +60,8 @@ class Case:
     sigma: float
     effects: tuple[Present, ...]
     outside: Present | None
+    beyond: float | None
+    """Chi-square of the force outside the catalogue that its nearest relative in it leaves."""
     mistake: str | None
     mistake_improvement: float | None
 
@@ -146,12 +149,13 @@ def _drawn(seed: int, rng: np.random.Generator) -> Case:
     placed = _sized(bench, found, present, rng)
     plant = _plant(bench, [(p.hidden, p.size) for p in placed])
     clean = bench.settled(plant)
+    beyond = _beyond(bench, other, scale, clean, present) if other else None
     z = clean + bench.sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
     z = np.where(np.array(bench.plan.orders) == 0, z.real, z)
     case = Case(
         seed, kind, poorer, noise, bench.stated, bench.plan, z, present, bench.sigma,
         tuple(p for p in placed if p.hidden.name in EFFECTS),
-        next((p for p in placed if p.hidden.name in OUTSIDE), None), None, None,
+        next((p for p in placed if p.hidden.name in OUTSIDE), None), beyond, None, None,
     )  # fmt: skip
     return _mistaken(case, rng) if kind.startswith("mistake") else case
 
@@ -281,6 +285,21 @@ def _brings(
     without = bench.vectors(_plant(bench, others))
     spread = deviation(whole, bench.sigma, bench.stated.tolerance)
     return misfit(bench.stated, bench.plan, whole - without, spread, present, bench.healthy)
+
+
+def _beyond(bench: _Bench, other: str, scale: Scale, whole: np.ndarray, present: np.ndarray) -> float:
+    """Of a force outside the catalogue, in chi-square: stiffness and damping are free in it."""
+    free = dataclasses.replace(
+        bench.stated, uncertain={**bench.stated.uncertain, "stiffness": 0.1, "damping_ratio": 1.0}
+    )
+    spread = deviation(whole, bench.sigma, bench.stated.tolerance)
+    return left_by_relative(
+        other,
+        scale,
+        Plant(bench.rotor),
+        bench.vectors,
+        lambda z: misfit(free, bench.plan, whole - z, spread, present, bench.healthy),
+    )
 
 
 def _sized(bench: _Bench, found: list[Hidden], present: np.ndarray, rng: np.random.Generator) -> list[Present]:

@@ -29,6 +29,7 @@ def truth(case: Case) -> dict[str, Any]:
         "uncertain": sorted(case.stated.uncertain),
         "effects": [p.hidden.name for p in case.effects],
         "outside": None if outside is None else outside.hidden.name,
+        "beyond": case.beyond,
         "mistake": case.mistake,
         "improvements": {p.hidden.name: p.improvement for p in (*case.effects, *([outside] if outside else []))},
         "mistake_improvement": case.mistake_improvement,

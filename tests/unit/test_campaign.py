@@ -30,7 +30,7 @@ LINEAR, MISTAKEN = 5, 7
 def row(**changes):
     given = {
         "seed": 1, "kind": "one", "poorer": "none", "noise": 0.01, "cells": 20, "effects": ["duffing"], "outside": None,
-        "mistake": None, "mistake_improvement": None, "improvements": {"duffing": 500.0},
+        "beyond": None, "mistake": None, "mistake_improvement": None, "improvements": {"duffing": 500.0},
         "values": {"duffing.cubic_n_per_m3": 2.0}, "exact": ["duffing"], "verdict": "explained", "named": ["duffing"],
         "probability": 0.9, "set95": [["duffing"]], "ties": [], "contains": [], "small": [],
         "sizes": [{"name": "duffing.cubic_n_per_m3", "value": 2.2, "half": 0.3, "determined": True}],
@@ -91,8 +91,11 @@ def test_a_mistake_is_one_that_the_answers_know(tmp_path):
         ({"named": [], "verdict": "nothing missing", "improvements": {"duffing": 20.0}}, "right"),
         ({"named": ["rub"], "contains": [["duffing"]]}, "in other words"),
         ({"named": ["duffing", "rub"]}, "WRONG"),
-        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider"}, "WRONG"),
-        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "verdict": "unexplained"},
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0}, "WRONG"),
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 5.0},
+         "by a relative that does the same"),
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0,
+          "verdict": "unexplained"},
          "not called explained"),
     ],
 )  # fmt: skip
