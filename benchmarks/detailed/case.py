@@ -62,6 +62,10 @@ class Case:
     outside: Present | None
     beyond: float | None
     """Chi-square of the force outside the catalogue that its nearest relative in it leaves."""
+    detail: Mapping[str, float]
+    """Effects of the catalogue that the healthy rotor has by its detail, and their improvement in chi-square: naming
+    them is no mistake.
+    """
     mistake: str | None
     mistake_improvement: float | None
 
@@ -155,7 +159,8 @@ def _drawn(seed: int, rng: np.random.Generator) -> Case:
     case = Case(
         seed, kind, poorer, noise, bench.stated, bench.plan, z, present, bench.sigma,
         tuple(p for p in placed if p.hidden.name in EFFECTS),
-        next((p for p in placed if p.hidden.name in OUTSIDE), None), beyond, None, None,
+        next((p for p in placed if p.hidden.name in OUTSIDE), None), beyond,
+        _detail(bench, healthy, present), None, None,
     )  # fmt: skip
     return _mistaken(case, rng) if kind.startswith("mistake") else case
 
@@ -285,6 +290,13 @@ def _brings(
     without = bench.vectors(_plant(bench, others))
     spread = deviation(whole, bench.sigma, bench.stated.tolerance)
     return misfit(bench.stated, bench.plan, whole - without, spread, present, bench.healthy)
+
+
+def _detail(bench: _Bench, healthy: np.ndarray, present: np.ndarray) -> dict[str, float]:
+    """What the gyroscopic moment of the tilting disk brings."""
+    without = bench.vectors(Plant(dataclasses.replace(bench.rotor, turning=0.0)))
+    spread = deviation(healthy, bench.sigma, bench.stated.tolerance)
+    return {"gyroscopic": misfit(bench.stated, bench.plan, healthy - without, spread, present, bench.healthy)}
 
 
 def _beyond(bench: _Bench, other: str, scale: Scale, whole: np.ndarray, present: np.ndarray) -> float:

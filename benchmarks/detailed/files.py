@@ -30,6 +30,7 @@ def truth(case: Case) -> dict[str, Any]:
         "effects": [p.hidden.name for p in case.effects],
         "outside": None if outside is None else outside.hidden.name,
         "beyond": case.beyond,
+        "detail": dict(case.detail),
         "mistake": case.mistake,
         "improvements": {p.hidden.name: p.improvement for p in (*case.effects, *([outside] if outside else []))},
         "mistake_improvement": case.mistake_improvement,

@@ -72,6 +72,8 @@ class Rotor:
     """Damping of the disk that turns with the shaft [N s/m]."""
     gyroscopic: float = 0.0
     """Of a part that tilts as the disk is deflected, polar moment times (slope over deflection)² [kg]."""
+    turning: float = 1.0
+    """Share of the gyroscopic moment of the tilting disk that acts: zero to see what it brings."""
     frame: Frame | None = None
     late: tuple[float, float] = (0.0, 0.0)
     """Stiffness [N/m] and delay [s] of a force on the disk that follows its motion late."""
@@ -124,7 +126,7 @@ class Rotor:
         factor = np.kron(np.diag(self.damping_factor), np.eye(n))
         damping = np.sqrt(factor) @ (dampers + disk.T @ np.diag(self.disk_damping) @ disk) @ np.sqrt(factor)
         tilt = np.kron(np.eye(2), np.eye(n)[[SLOPE]])
-        turning = self.polar * tilt.T @ WHIRL @ tilt + self.gyroscopic * disk.T @ WHIRL @ disk
+        turning = self.turning * self.polar * tilt.T @ WHIRL @ tilt + self.gyroscopic * disk.T @ WHIRL @ disk
         damping = damping + speed * turning + self.internal * disk.T @ disk
         stiffness = stiffness + disk.T @ ((self.cross + speed * self.internal) * WHIRL) @ disk
         if self.frame is not None:

@@ -30,7 +30,8 @@ LINEAR, MISTAKEN = 5, 7
 def row(**changes):
     given = {
         "seed": 1, "kind": "one", "poorer": "none", "noise": 0.01, "cells": 20, "effects": ["duffing"], "outside": None,
-        "beyond": None, "mistake": None, "mistake_improvement": None, "improvements": {"duffing": 500.0},
+        "beyond": None, "detail": {"gyroscopic": 20.0}, "mistake": None, "mistake_improvement": None,
+        "improvements": {"duffing": 500.0},
         "values": {"duffing.cubic_n_per_m3": 2.0}, "exact": ["duffing"], "verdict": "explained", "named": ["duffing"],
         "probability": 0.9, "set95": [["duffing"]], "ties": [], "contains": [], "small": [],
         "sizes": [{"name": "duffing.cubic_n_per_m3", "value": 2.2, "half": 0.3, "determined": True}],
@@ -91,6 +92,8 @@ def test_a_mistake_is_one_that_the_answers_know(tmp_path):
         ({"named": [], "verdict": "nothing missing", "improvements": {"duffing": 20.0}}, "right"),
         ({"named": ["rub"], "contains": [["duffing"]]}, "in other words"),
         ({"named": ["duffing", "rub"]}, "WRONG"),
+        ({"named": ["duffing", "gyroscopic"]}, "right"),
+        ({"named": ["duffing", "gyroscopic"], "detail": {"gyroscopic": 2.0}}, "WRONG"),
         ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0}, "WRONG"),
         ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 5.0},
          "by a relative that does the same"),
@@ -111,7 +114,7 @@ def test_rates_and_intervals():
     assert right.interval() == pytest.approx((0.55498, 0.99747), abs=1e-5)
     assert found["all: confident and wrong"].count == 1
     assert found["intervals of 90 %: hold the true value"].share == 1.0
-    assert found["nothing hidden: explained by something"].share is None
+    assert found["nothing hidden: explained by what is not there"].share is None
     found = scoring.calibration(rows)
     assert (found.error, found.brier) == pytest.approx((0.0, 0.09))
 
