@@ -55,7 +55,7 @@ def explained(seed: int) -> dict[str, Any]:
     found = explain(rig.model, measurement)
     seconds = time.perf_counter() - begin
     spare_memory_maps()
-    return {**truth(case), **answer(found), "took": seconds}
+    return {**truth(case), **answer(found), "took": seconds, "code": code()}
 
 
 def told(progress: Progress) -> None:
@@ -88,6 +88,13 @@ def code() -> str:
     return commit + (" and changes" if changed.stdout.strip() else "")
 
 
+def about(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """Seeds and states of the code."""
+    seeds = [row["seed"] for row in rows]
+    states = ", ".join(sorted({row["code"] for row in rows if "code" in row})) or "another tool"
+    return {"seeds": f"{min(seeds)} to {max(seeds)}", "answered by": states, "scored by": code()}
+
+
 def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=SEEN, help="seed to begin with (%(default)s)")
@@ -114,7 +121,7 @@ def main() -> None:
     if options.score:
         kept = options.score.suffix == ".jsonl"
         rows = read_rows(options.score) if kept else read_answers(options.score, options.truth)
-        print(write_page(rows, options.output, {"answers": options.score.name, "code": code()}))
+        print(write_page(rows, options.output, {"answers": options.score.name, **about(rows)}))
         return
     configuration = {"cases": "detailed rotor", "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
     with Store(options.output / "rows.sqlite", configuration) as store:
@@ -124,8 +131,7 @@ def main() -> None:
     rows = sorted((row for row in kept if not row["failure"]), key=lambda row: row["seed"])
     lines = [json.dumps(row, sort_keys=True) for row in rows]
     (options.output / ROWS).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    about = {**configuration, "seeds": f"{seeds[0]} to {seeds[-1]}", "code": code(), "failed": failed}
-    print(write_page(rows, options.output, about))
+    print(write_page(rows, options.output, {**configuration, **about(rows), "failed": failed or "none"}))
 
 
 if __name__ == "__main__":
