@@ -1,10 +1,10 @@
 """The whole of `explain` on rotors with more detail than its model: drawn, explained, scored.
 
 Cases are those of `benchmarks/detailed`: integrated in time by code that shares nothing with rotorjax. Rows are kept as
-they end; given the same folder again, the rest is done. Seeds below 1000 are for development.
+they end; given the same folder again, the rest is done. Seeds below 1100 are for development.
 
-    python experiments/campaign.py --first 1000 --seeds 200 --output output/campaign
-    python experiments/campaign.py --first 1000 --seeds 200 --write output/cases        # files for another tool
+    python experiments/campaign.py --first 1100 --seeds 200 --output output/campaign
+    python experiments/campaign.py --first 1100 --seeds 200 --write output/cases        # files for another tool
     python experiments/campaign.py --score answers.csv --truth output/cases-answers.jsonl --output output/other
 """
 
@@ -33,7 +33,7 @@ from scoring import judged, read_answers, read_rows
 
 ROWS = "rows.jsonl"
 """All rows of a run, to be scored again."""
-SEEN = 1000
+SEEN = 1100
 """Seeds below were looked at while the method and the cases were made."""
 
 
@@ -83,7 +83,7 @@ def code() -> str:
     """The state of the code: its commit, and whether files differ from it."""
     git = ["git", "-C", str(ROOT)]
     commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
-    watched = ["rotorjax", "benchmarks", "experiments"]
+    watched = ["rotorjax", "benchmarks", "experiments", ":!benchmarks/results"]
     changed = subprocess.run([*git, "status", "--porcelain", *watched], capture_output=True, text=True, check=False)
     return commit + (" and changes" if changed.stdout.strip() else "")
 
