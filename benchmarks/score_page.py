@@ -1,0 +1,173 @@
+"""Scores as a page in Markdown with pictures, every miss listed."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import tabulate
+
+from scoring import (
+    CERTAIN,
+    SEEN,
+    Rate,
+    Row,
+    by_decade,
+    by_effect,
+    calibration,
+    confusion,
+    hidden,
+    is_confident_wrong,
+    is_right,
+    judged,
+    mean_set,
+    rates,
+    weakest,
+)
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+
+def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> str:
+    """Write ``README.md``, ``confusion.png``, ``reliability.png`` and ``decades.png``. **Returns** the table of
+    rates.
+    """
+    draw_confusion(rows, folder / "confusion.png")
+    draw_reliability(rows, folder / "reliability.png")
+    draw_decades(rows, folder / "decades.png")
+    summary = f"{_rates(rows)}\n\n{_numbers(rows)}"
+    listed = "\n".join(f"- {key}: {value}" for key, value in about.items())
+    parts = [
+        "# Effects hidden in a detailed rotor, explained",
+        f"{len(rows)} cases. *Seen* is what improves chi-square by more than {SEEN:g}.\n\n{listed}",
+        f"## Scores\n\n{summary}",
+        f"## By improvement in chi-square\n\n{_by(by_decade(rows), 'improvement')}\n\n![by decade](decades.png)",
+        f"## By effect, alone and seen\n\n{_by(by_effect(rows), 'effect')}\n\n![confusion](confusion.png)",
+        "## Calibration\n\n![reliability](reliability.png)",
+        f"## Confident and wrong\n\n{_cases([row for row in rows if is_confident_wrong(row)])}",
+        f"## Other misses\n\n{_cases([r for r in rows if _missed(r)])}",
+    ]
+    (folder / "README.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return summary
+
+
+def _missed(row: Row) -> bool:
+    in_catalogue = row["outside"] is None and not is_right(row)
+    return in_catalogue and not is_confident_wrong(row) and weakest(row) > SEEN
+
+
+def _share(r: Rate) -> list[str]:
+    if r.share is None:
+        return ["", "0", ""]
+    low, high = r.interval()
+    return [f"{r.share:.3f}", f"{r.count} of {r.total}", f"{low:.3f} to {high:.3f}"]
+
+
+def _table(rows: Sequence[Sequence[Any]], heads: Sequence[str]) -> str:
+    return tabulate.tabulate(rows, heads, tablefmt="pipe", disable_numparse=True)
+
+
+def _rates(rows: Sequence[Row]) -> str:
+    return _table([[r.name, *_share(r), r.goal] for r in rates(rows)], ["", "share", "cases", "95 % interval", "goal"])
+
+
+def _numbers(rows: Sequence[Row]) -> str:
+    listed: list[list[str]] = []
+    wanted = (("among sets that were fitted", "probability"), ("step by step, as ranked", "step_probability"))
+    for words, key in wanted:
+        for below, where in ((1.0, ""), (CERTAIN, f", without those above {CERTAIN}")):
+            found = calibration([row for row in rows if row.get(key) is not None], key, below)
+            if found is not None:
+                goal = "ECE <= 0.03" if key == "probability" and not where else ""
+                value = f"ECE {found.error:.3f}, Brier {found.brier:.3f}, {found.cases} cases"
+                listed.append([f"probabilities {words}{where}", value, goal])
+    size = mean_set(rows)
+    listed.append(["explanations in a set of 95 %, mean", "" if size is None else f"{size:.2f}", "<= 1.5"])
+    for key, words in (("linearisations", "linearisations of a case"), ("took", "seconds of a case")):
+        values = [row[key] for row in rows if key in row]
+        if values:
+            listed.append([f"{words}, median and worst", f"{np.median(values):,.0f}, {max(values):,.0f}", ""])
+    return _table(listed, ["", "value", "goal"])
+
+
+def _by(parts: Sequence[tuple[str, Rate, Rate]], what: str) -> str:
+    lines = [[label, *_share(right), *_share(tied)[:1]] for label, right, tied in parts]
+    return _table(lines, [what, "right", "cases", "95 % interval", "or tied"])
+
+
+def _cases(rows: Sequence[Row]) -> str:
+    if not rows:
+        return "None."
+    lines = []
+    for row in rows:
+        truth = " + ".join([*sorted(hidden(row)), *filter(None, [row["outside"]])]) or "nothing"
+        brings = ", ".join(f"{value:.0f}" for value in row["improvements"].values())
+        ties = "; ".join(" + ".join(names) or "nothing" for names in row["ties"])
+        answer = " + ".join(row["named"]) or "nothing"
+        answer += f" (small: {', '.join(row['small'])})" if row.get("small") else ""
+        p = row.get("probability")
+        lines.append(
+            [row["seed"], truth, brings, f"{row['noise']:.0%}", row["poorer"], row["verdict"], answer, ties,
+             "" if p is None else f"{p:.3g}", judged(row)]
+        )  # fmt: skip
+    heads = ["seed", "hidden", "improves by", "noise", "poor", "verdict", "answer", "tied", "probability", "judged"]
+    return _table(lines, heads)
+
+
+def draw_confusion(rows: Sequence[Row], path: Path) -> None:
+    """One thing hidden or none against what is named."""
+    counts = confusion(rows)
+    across = sorted({truth for truth, _ in counts})
+    down = sorted({answer for _, answer in counts}, key=lambda name: (name not in across, name))
+    grid = np.array([[counts.get((truth, answer), 0) for answer in down] for truth in across]).reshape(
+        len(across), len(down)
+    )
+    figure, ax = plt.subplots(figsize=(2 + 0.3 * len(down), 2 + 0.25 * len(across)), layout="constrained")
+    ax.imshow(np.where(grid > 0, grid, np.nan), cmap="Blues", vmin=0)
+    for i, j in np.argwhere(grid):
+        ax.text(j, i, str(grid[i, j]), ha="center", va="center", fontsize=7)
+    ax.set_xticks(range(len(down)), down, rotation=90, fontsize=7)
+    ax.set_yticks(range(len(across)), across, fontsize=7)
+    ax.set_xlabel("named")
+    ax.set_ylabel("hidden")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def draw_reliability(rows: Sequence[Row], path: Path) -> None:
+    """Share right over probability stated."""
+    figure, ax = plt.subplots(figsize=(4.5, 4.5), layout="constrained")
+    ax.plot([0, 1], [0, 1], color="grey", lw=1)
+    for key, label in (("probability", "among sets fitted"), ("step_probability", "step by step, as ranked")):
+        found = calibration([row for row in rows if row.get(key) is not None], key)
+        if found is not None:
+            p, share, count = np.array(found.bins).T
+            ax.plot(p, share, "o-", label=label)
+            for x, y, n in zip(p, share, count, strict=True):
+                ax.annotate(f"{n:.0f}", (x, y), textcoords="offset points", xytext=(4, -9), fontsize=7)
+    ax.set_xlabel("probability stated")
+    ax.set_ylabel("share right")
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False, loc="upper left")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def draw_decades(rows: Sequence[Row], path: Path) -> None:
+    """Share right over improvement in chi-square, with intervals of 95 %."""
+    figure, ax = plt.subplots(figsize=(5, 3.5), layout="constrained")
+    parts = [part for part in by_decade(rows) if part[1].total]
+    for which, label in ((1, "right"), (2, "right or tied")):
+        shares = np.array([part[which].share for part in parts], float)
+        ends = np.array([part[which].interval() for part in parts]).reshape(-1, 2)
+        at = np.arange(len(parts)) + 0.06 * (which - 1)
+        ax.errorbar(at, shares, np.abs(ends.T - shares), fmt="o", capsize=3, label=label)
+    ax.set_xticks(range(len(parts)), [part[0] for part in parts])
+    ax.set_ylim(0, 1.03)
+    ax.set_xlabel("improvement in chi-square by the weakest effect hidden")
+    ax.set_ylabel("share")
+    ax.legend(frameon=False, loc="lower left")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,138 @@
+"""The whole of `explain` on rotors with more detail than its model: drawn, explained, scored.
+
+Cases are those of `benchmarks/detailed`: integrated in time by code that shares nothing with rotorjax. Rows are kept as
+they end; given the same folder again, the rest is done. Seeds below 1100 are for development.
+
+    python experiments/campaign.py --first 1100 --seeds 200 --output output/campaign
+    python experiments/campaign.py --first 1100 --seeds 200 --write output/cases        # files for another tool
+    python experiments/campaign.py --score answers.csv --truth output/cases-answers.jsonl --output output/other
+"""
+
+import argparse
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from rotorjax.batch.case import Case as Job
+from rotorjax.batch.pool import Processes, processors
+from rotorjax.batch.runner import Progress, run
+from rotorjax.batch.store import Store
+
+from detailed.case import KINDS, NOISES, draw
+from detailed.files import truth, write, write_case
+from score_page import write_page
+from scoring import judged, read_answers, read_rows
+
+ROWS = "rows.jsonl"
+"""All rows of a run, to be scored again."""
+SEEN = 1100
+"""Seeds below were looked at while the method and the cases were made."""
+
+
+def explained(seed: int) -> dict[str, Any]:
+    """One case: what is true, what was answered, and how long that took."""
+    # Here, so that what scores and writes needs no JAX.
+    from rotorjax import explain, read_measurement, read_rig  # noqa: PLC0415
+    from rotorjax.compilation import spare_memory_maps, use_double_precision  # noqa: PLC0415
+
+    from answers import answer  # noqa: PLC0415
+
+    use_double_precision()
+    case = draw(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        rig_file, table = write_case(case, Path(folder))
+        rig = read_rig(rig_file)
+        measurement = read_measurement(table, rig)
+    begin = time.perf_counter()
+    found = explain(rig.model, measurement)
+    seconds = time.perf_counter() - begin
+    spare_memory_maps()
+    return {**truth(case), **answer(found), "took": seconds, "code": code()}
+
+
+def told(progress: Progress) -> None:
+    """Print the case that ended last."""
+    latest = progress.latest
+    if latest is not None and latest.row is not None:
+        row = json.loads(latest.row)
+        hidden = " + ".join(filter(None, [row["mistake"], row["outside"], *row["effects"]])) or "nothing"
+        words = [str(row["seed"]), hidden, row["verdict"], " + ".join(row["named"]), judged(row)]
+        print(" | ".join(words), f"({row['took']:.0f} s)", flush=True)
+    elif latest is not None:
+        print(latest.name, "|", latest.failure, flush=True)
+
+
+def sources() -> str:
+    """A digest of the code that the rows depend on."""
+    digest = hashlib.sha256()
+    files = [*(ROOT / "rotorjax").rglob("*.py"), *(ROOT / "benchmarks" / "detailed").rglob("*.py")]
+    for file in [*sorted(files), ROOT / "benchmarks" / "answers.py"]:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def code() -> str:
+    """The state of the code: its commit, and whether files differ from it."""
+    git = ["git", "-C", str(ROOT)]
+    commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
+    watched = ["rotorjax", "benchmarks", "experiments", ":!benchmarks/results"]
+    changed = subprocess.run([*git, "status", "--porcelain", *watched], capture_output=True, text=True, check=False)
+    return commit + (" and changes" if changed.stdout.strip() else "")
+
+
+def about(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """Seeds and states of the code."""
+    seeds = [row["seed"] for row in rows]
+    states = ", ".join(sorted({row["code"] for row in rows if "code" in row})) or "another tool"
+    return {"seeds": f"{min(seeds)} to {max(seeds)}", "answered by": states, "scored by": code()}
+
+
+def parsed() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=SEEN, help="seed to begin with (%(default)s)")
+    parser.add_argument("--seeds", type=int, default=100, help="number of cases (%(default)s)")
+    parser.add_argument("--workers", type=int, default=processors(), help="processes at one time (%(default)s)")
+    parser.add_argument("--output", type=Path, help="folder for rows, scores and pictures")
+    parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the cases as rig files and tables, no more")
+    parser.add_argument(
+        "--score", type=Path, metavar="ANSWERS.csv", help=f"score the answers of another tool, or {ROWS}"
+    )
+    parser.add_argument("--truth", type=Path, help="with --score: what is true, as --write leaves it beside its folder")
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = parsed()
+    seeds = range(options.first, options.first + options.seeds)
+    if options.write:
+        write([draw(seed) for seed in seeds], options.write)
+        return
+    if options.output is None:
+        sys.exit("--output FOLDER is needed")
+    options.output.mkdir(parents=True, exist_ok=True)
+    if options.score:
+        kept = options.score.suffix == ".jsonl"
+        rows = read_rows(options.score) if kept else read_answers(options.score, options.truth)
+        print(write_page(rows, options.output, {"answers": options.score.name, **about(rows)}))
+        return
+    configuration = {"cases": "detailed rotor", "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
+    with Store(options.output / "rows.sqlite", configuration) as store:
+        run(explained, [Job(str(seed), seed) for seed in seeds], store, Processes(options.workers), told)
+        kept = store.rows()
+    failed = [f"{row['name']}: {row['failure']}" for row in kept if row["failure"]]
+    rows = sorted((row for row in kept if not row["failure"]), key=lambda row: row["seed"])
+    lines = [json.dumps(row, sort_keys=True) for row in rows]
+    (options.output / ROWS).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(write_page(rows, options.output, {**configuration, **about(rows), "failed": failed or "none"}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""Drawn cases of the detailed rotor, and the scores of answers to them."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from rotorjax import read_measurement, read_rig
+from rotorjax.data.declarations import slips
+from rotorjax.effects import CATALOG
+from rotorjax.model.conditions import Layout
+from rotorjax.physics.response import response
+
+import scoring
+from detailed import hidden as hide
+from detailed.case import draw
+from detailed.files import truth, write
+from detailed.hidden import DOWN, EFFECTS, Scale
+from score_page import write_page
+
+SCALE = Scale(1e-4, 2.0, (8e4, 7e4), 0.02, 190.0, 2e-5, 2e-4, 0.95, (1, 2))
+LINEAR, MISTAKEN = 5, 7
+"""Seeds of a linear effect and of a mistake."""
+
+
+def row(**changes):
+    given = {
+        "seed": 1, "kind": "one", "poorer": "none", "noise": 0.01, "cells": 20, "effects": ["duffing"], "outside": None,
+        "beyond": None, "detail": {"gyroscopic": 20.0}, "mistake": None, "mistake_improvement": None,
+        "improvements": {"duffing": 500.0},
+        "values": {"duffing.cubic_n_per_m3": 2.0}, "exact": ["duffing"], "verdict": "explained", "named": ["duffing"],
+        "probability": 0.9, "set95": [["duffing"]], "ties": [], "contains": [], "small": [],
+        "sizes": [{"name": "duffing.cubic_n_per_m3", "value": 2.2, "half": 0.3, "determined": True}],
+    }  # fmt: skip
+    return {**given, **changes}
+
+
+def test_all_effects_of_the_catalogue_are_hidden_with_its_labels(rng):
+    layout = Layout(("X", "Y"), ("disk1", "disk2"), (1.0, 2.0))
+    assert set(EFFECTS) == set(CATALOG)
+    for name in EFFECTS:
+        labels = {label for p in CATALOG[name].parameters() for label in p.labels(layout)}
+        assert set(hide.effect(name, rng, SCALE, DOWN).values) == labels, name
+
+
+def test_a_case_is_drawn_alike_twice_at_the_improvement_stated():
+    one, again = draw(LINEAR), draw(LINEAR)
+    assert np.array_equal(one.vectors, again.vectors)
+    assert one.stated.toml() == again.stated.toml()
+    assert 10.0 < one.effects[0].improvement < 1.2e4
+
+
+def test_files_are_read_as_they_are_meant(tmp_path):
+    case = draw(LINEAR)
+    write([case], tmp_path / "cases")
+    rig = read_rig(tmp_path / "cases" / f"{LINEAR:06d}.toml")
+    measurement = read_measurement(tmp_path / "cases" / f"{LINEAR:06d}.csv", rig)
+    assert np.allclose(measurement.vectors, case.vectors, rtol=1e-5, atol=1e-12)
+    assert measurement.knowledge.tolerance == pytest.approx(case.stated.tolerance, rel=1e-3)
+    plain = np.asarray(response(rig.model.with_orders(measurement.orders), measurement.conditions))
+    assert np.allclose(plain, case.stated.predicted(case.plan), rtol=1e-5, atol=1e-12)
+    told = json.loads((tmp_path / "cases-answers.jsonl").read_text())
+    assert told == json.loads(json.dumps(truth(case)))
+
+
+def test_a_mistake_is_one_that_the_answers_know(tmp_path):
+    case = draw(MISTAKEN)
+    write([case], tmp_path / "cases")
+    rig = read_rig(tmp_path / "cases" / f"{MISTAKEN:06d}.toml")
+    measurement = read_measurement(tmp_path / "cases" / f"{MISTAKEN:06d}.csv", rig)
+    found = {slip.name: slip for slip in slips(rig.model, measurement)}
+    model, right = found[case.mistake].put_right(rig.model, measurement)
+    plain = np.asarray(response(model.with_orders(right.orders), right.conditions))
+    assert np.sqrt(np.mean(np.abs(plain - right.vectors) ** 2)) < 2.0 * np.max(right.sigma)
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict"),
+    [
+        ({}, "right"),
+        ({"verdict": "undecided"}, "right, undecided"),
+        ({"named": ["rub"]}, "WRONG"),
+        ({"named": ["rub"], "verdict": "undecided"}, "left open"),
+        ({"named": ["rub"], "verdict": "undecided", "ties": [["duffing"]]}, "among what ties"),
+        ({"named": [], "verdict": "nothing missing"}, "WRONG"),
+        ({"named": [], "verdict": "nothing missing", "small": ["duffing"]}, "right"),
+        ({"named": [], "verdict": "nothing missing", "small": ["rub"]}, "small by another name"),
+        ({"named": [], "verdict": "nothing missing", "improvements": {"duffing": 20.0}}, "right"),
+        ({"named": ["rub"], "contains": [["duffing"]]}, "in other words"),
+        ({"named": ["duffing", "rub"]}, "WRONG"),
+        ({"named": ["duffing", "gyroscopic"]}, "right"),
+        ({"named": ["duffing", "gyroscopic"], "detail": {"gyroscopic": 2.0}}, "WRONG"),
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0}, "WRONG"),
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 5.0},
+         "by a relative that does the same"),
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0,
+          "verdict": "unexplained"},
+         "not called explained"),
+    ],
+)  # fmt: skip
+def test_what_an_answer_is_called(changes, verdict):
+    assert scoring.judged(row(**changes)) == verdict
+
+
+def test_rates_and_intervals():
+    rows = [row(seed=k) for k in range(9)] + [row(seed=9, named=["rub"])]
+    found = {r.name: r for r in scoring.rates(rows)}
+    right = found["1 % noise, standard plan: right"]
+    assert (right.count, right.total) == (9, 10)
+    assert right.interval() == pytest.approx((0.55498, 0.99747), abs=1e-5)
+    assert found["all: confident and wrong"].count == 1
+    assert found["intervals of 90 %: hold the true value"].share == 1.0
+    assert found["nothing hidden: explained by what is not there"].share is None
+    found = scoring.calibration(rows)
+    assert (found.error, found.brier) == pytest.approx((0.0, 0.09))
+
+
+def test_answers_of_another_tool(tmp_path):
+    cases = [row(seed=k) for k in range(3)]
+    path, true = tmp_path / "answers.csv", tmp_path / "truth.jsonl"
+    true.write_text("\n".join(json.dumps(case) for case in cases), encoding="utf-8")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["seed", "verdict", "effects", "probability", "ties"])
+        writer.writerow([0, "explained", "duffing", 0.8, ""])
+        writer.writerow([1, "undecided", "rub", "", "duffing; clearance + crack"])
+        writer.writerow([2, "nothing missing", "nothing", 0.5, ""])
+    rows = scoring.read_answers(path, true)
+    assert [scoring.judged(r) for r in rows] == ["right", "among what ties", "WRONG"]
+    assert write_page(rows, tmp_path, {}).startswith("|")
+    assert (tmp_path / "README.md").read_text(encoding="utf-8").count("WRONG") == 1
+    path.write_text("seed,verdict,effects,probability\n0,explained,duffing,0.8\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="no answer for seed 1"):
+        scoring.read_answers(path, true)
