@@ -169,11 +169,14 @@ def _answer(
         held = held_out(contest, selection, ties)
     fits = fits_of_steps(contest, model, selection, held)
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    story = Story(model, contest.measurement, stated, selection.effects, fits, views, (), undriven, written.best.slip)
+    beside = selection.small if selection.effects else ()
+    story = Story(
+        model, contest.measurement, stated, selection.effects, fits, views, (), undriven, written.best.slip, beside
+    )
     p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
     last = fits[-1]
-    if selection.small:
+    if selection.small and not selection.effects:
         last = fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
     verdict = _verdict(selection, ties, p, last, contest, confirmed=story.confirmed)
     contest.budget.release()
@@ -208,7 +211,7 @@ def _more_than_noise(selection: Selection, last: Fit, stages: "_Stages") -> PVal
         return None
     best = selection.known[selection.present]
     led = best.led_by(last.end, Noise(last.misfit, contest.floor.scatter))
-    return p_value(contest, best if selection.small else led)
+    return p_value(contest, best if selection.small and not selection.effects else led)
 
 
 def _proposal(contest: Contest, ties: Ties, noise: Noise) -> Proposal | None:

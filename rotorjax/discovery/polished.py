@@ -20,8 +20,12 @@ POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
 
 
 def fits_of_steps(contest: Contest, model: Model, selection: Selection, held: HeldOut) -> tuple[Fit, ...]:
-    """The fit of every nested set, polished."""
+    """The fit of every nested set, polished; in the last, beside effects, what is too small to matter by itself: left
+    out, it would bias them.
+    """
     sets = [frozenset(selection.effects[:step]) for step in range(len(held.rms))]
+    if selection.effects:
+        sets[-1] = selection.present
     every = zip(sets, selection.races, held.rms, strict=True)
     return tuple(fit_of(contest, model, selection, names, race.noise, (rms, held.reason)) for names, race, rms in every)
 

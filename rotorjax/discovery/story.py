@@ -44,6 +44,8 @@ class Story(Reported):
     """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
     slip: Slip | None = None
     """What was written down wrongly: put right from the first fit on."""
+    beside: tuple[str, ...] = ()
+    """Effects too small to matter by themselves that are in the last fit."""
 
     def __repr__(self) -> str:
         steps = [

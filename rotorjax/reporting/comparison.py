@@ -169,6 +169,8 @@ def step_labels(story: Story) -> list[str]:
         uncertain = ["uncertain values"] if _has_uncertain(story) else []
         first = uncertain if story.slip is None else [f"+ {story.slip.name}"]
         labels += [*first, *(f"+ {name}" for name in story.additions)]
+        if story.beside:
+            labels[-1] += f" (with {', '.join(story.beside)})"
     return labels
 
 

@@ -121,7 +121,11 @@ def _of_what_is_left(found: Explanation) -> list[str]:
 
 
 def _small(found: Explanation) -> list[str]:
-    return [f"Detected, but not added: {plain_name(small.effect)} ({small.why})." for small in found.detected_but_small]
+    along = "; it is fitted along, so that it does not bias what was found" if found.story.beside else ""
+    return [
+        f"Detected, but too small to matter: {plain_name(small.effect)} ({small.why}{along})."
+        for small in found.detected_but_small
+    ]
 
 
 def _orders_lacking(found: Explanation) -> list[str]:

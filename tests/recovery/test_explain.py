@@ -18,6 +18,7 @@ from rotorjax.discovery.race import contender_of
 from rotorjax.effects import CATALOG
 from rotorjax.inference import kernels
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
+from rotorjax.reporting.comparison import step_labels
 from rotorjax.reporting.explanation import explanation_text, notes, sentence
 from rotorjax.reporting.explanation_json import explanation_json
 
@@ -241,27 +242,44 @@ def test_no_effect_beyond_those_allowed():
         explain(model, measurement, only=("magic",))
 
 
-def test_what_is_below_the_noise_is_named_small():
-    """Runout of less than the noise of one reading is detected in many, but changes the prediction by less than the
-    noise.
-    """
+def many_readings(present: dict[str, list[float]]):
+    """A plan of forty speeds per run: a runout of less than the noise of one reading shows in many."""
     model, measurement, _ = hidden.sufficient(effects.Runout, seed=4, factor=0.02)
     plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.linspace(60.0, 500.0, 40)), sigma=0.0)
-    clean = hidden.measure(hidden.Machine(), plan, {"runout": [8e-9, -8e-9, 8e-9, 8e-9]}, np.random.default_rng(0))
+    clean = hidden.measure(hidden.Machine(), plan, present, np.random.default_rng(0))
     noise = 0.01e-6 * np.random.default_rng(0).standard_normal((*clean.shape, 2))
     run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
     unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
-    measured = dataclasses.replace(
+    return model, dataclasses.replace(
         measurement, run=run, repeat=("",) * len(run),
         conditions=Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance),
         vectors=clean + noise[..., 0] + 1j * noise[..., 1], present=np.ones(clean.shape, bool),
         sigma=np.full(clean.shape, 0.01e-6),
     )  # fmt: skip
-    found = explain(model, measured, thorough=False)
+
+
+RUNOUT = [8e-9, -8e-9, 8e-9, 8e-9]
+
+
+def test_what_is_below_the_noise_is_named_small():
+    """It changes the prediction by less than the noise."""
+    found = explain(*many_readings({"runout": RUNOUT}), thorough=False)
     assert found.effects == ()
     assert [small.effect for small in found.detected_but_small] == ["runout"]
     assert found.verdict == "nothing missing"
     assert all(fitted.free == () for fitted in found.story.fits)
+
+
+def test_what_is_below_the_noise_is_fitted_along():
+    """Left out, it would bias what was found."""
+    data = many_readings({"runout": RUNOUT, "residual_unbalance": [3e-7, -2e-7]})
+    found = explain(*data, only=["runout", "residual_unbalance"], thorough=False)
+    assert (found.verdict, found.effects, found.story.beside) == ("explained", ("residual_unbalance",), ("runout",))
+    last = found.story.fits[-1]
+    assert last.reduced_chi2 == pytest.approx(1.0, abs=0.15)
+    for estimate, true in zip(last.estimates, [3e-7, -2e-7, *RUNOUT], strict=True):
+        assert abs(estimate.value - true) < 4.0 * estimate.standard_error, estimate.entry.key
+    assert step_labels(found.story)[-1] == "+ residual_unbalance (with runout)"
 
 
 def half_order_data(signs: np.ndarray, *, size: float = 30e-6):
