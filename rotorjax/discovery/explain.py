@@ -169,10 +169,8 @@ def _answer(
         held = held_out(contest, selection, ties)
     fits = fits_of_steps(contest, model, selection, held)
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    beside = selection.small if selection.effects else ()
-    story = Story(
-        model, contest.measurement, stated, selection.effects, fits, views, (), undriven, written.best.slip, beside
-    )
+    done = selection.effects, fits, views, (), undriven, written.best.slip, selection.beside
+    story = Story(model, contest.measurement, stated, *done)
     p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
     last = fits[-1]

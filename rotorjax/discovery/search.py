@@ -77,6 +77,11 @@ class Selection(NamedTuple):
     known: Known
 
     @property
+    def beside(self) -> tuple[str, ...]:
+        """The small ones that are fitted along with effects, which they would bias if left out."""
+        return self.small if self.effects else ()
+
+    @property
     def present(self) -> Effects:
         """All that was detected."""
         return frozenset(self.effects) | frozenset(self.small)

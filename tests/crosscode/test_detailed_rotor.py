@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from detailed import forces
 from detailed.chain import Chain
 from detailed.in_time import Condition, NoSteadyStateError, Stepper, periodic, vectors, waveforms

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from rotorjax import read_measurement, read_rig
 from rotorjax.data.declarations import slips
 from rotorjax.effects import CATALOG
