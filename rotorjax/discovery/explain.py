@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from rotorjax.arrays import require_float64
-from rotorjax.data.declarations import KINDS, reversed_rotation
+from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
@@ -167,10 +167,8 @@ def _answer(
     held = HeldOut((None,) * len(selection.races), why)
     if stages.go("error on data held out"):
         held = held_out(contest, selection, ties)
-    fits = fits_of_steps(contest, model, selection, held)
-    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
-    done = selection.effects, fits, views, (), undriven, written.best.slip, selection.beside
-    story = Story(model, contest.measurement, stated, *done)
+    story = _story(selection, model, stated, held, undriven, written.best.slip)
+    fits = story.fits
     p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
     last = fits[-1]
@@ -199,6 +197,23 @@ def _answer(
         catalog=catalog,
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or LINEARISATIONS, tuple(stages.untried)),
+    )
+
+
+def _story(
+    selection: Selection,
+    model: Model,
+    stated: Comparison,
+    held: HeldOut,
+    undriven: tuple[float, ...],
+    slip: Slip | None,
+) -> Story:
+    """The model as declared against the measurement, and after every effect that was added."""
+    contest = selection.contest
+    fits = fits_of_steps(contest, model, selection, held)
+    views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
+    return Story(
+        model, contest.measurement, stated, selection.effects, fits, views, (), undriven, slip, selection.beside
     )
 
 
