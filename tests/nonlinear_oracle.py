@@ -7,7 +7,7 @@ Newton's method on the state over one period (shooting), then samples of that pe
 
 import cmath
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -64,14 +64,14 @@ class NonlinearRotor:
     transient: int = 40
     """Turns before the shooting begins."""
 
-    def _equation(self, speed: float) -> Callable[[float, np.ndarray], np.ndarray]:
+    def _equation(self, speed: float, unbalance: np.ndarray) -> Callable[[float, np.ndarray], np.ndarray]:
         """The state's rate of change; the state is flat: x, y and their velocities, each for as many motions as there
-        are.
+        are. **Arguments:** ``unbalance``: that of every motion.
         """
         stiffness, damping, weight = np.array([self.stiffness, self.damping, [self.mass * g for g in self.gravity]])[
             :, :, None
         ]
-        unbalance, bow, sense = speed**2 * complex(self.unbalance), complex(self.bow), self.sense
+        unbalance, bow, sense = speed**2 * unbalance, complex(self.bow), self.sense
 
         def rate(t: float, flat: np.ndarray) -> np.ndarray:
             state = flat.reshape(4, -1)
@@ -80,7 +80,7 @@ class NonlinearRotor:
             turn = cmath.exp(1j * angle)
             pull, bent = unbalance * turn, bow * turn
             deflection = q - np.array([[bent.real], [sense * bent.imag]])
-            total = weight + np.array([[pull.real], [sense * pull.imag]]) - stiffness * deflection - damping * v
+            total = weight + np.array([pull.real, sense * pull.imag]) - stiffness * deflection - damping * v
             for force in self.forces:
                 resists = force(angle, q, v, deflection)
                 total = total - (resists if resists.ndim == 2 else resists[:, None])
@@ -88,8 +88,10 @@ class NonlinearRotor:
 
         return rate
 
-    def _integrate(self, states: np.ndarray, speed: float, turns: int, *, rtol: float, **settings):
-        """From the start of a turn; ``states``: 4 x motion.
+    def _integrate(
+        self, states: np.ndarray, unbalance: np.ndarray, speed: float, turns: int, *, rtol: float, **settings
+    ):
+        """From the start of a turn; ``states``: 4 x motion, each with its unbalance.
 
         **Errors.** ``RuntimeError`` where the motion runs away.
         """
@@ -101,7 +103,7 @@ class NonlinearRotor:
 
         near.terminal = True  # pyright: ignore
         settings = {"method": "DOP853", **settings, "rtol": rtol, "atol": atol, "events": near}
-        found = solve_ivp(self._equation(speed), (0.0, turns * period), states.ravel(), **settings)
+        found = solve_ivp(self._equation(speed, unbalance), (0.0, turns * period), states.ravel(), **settings)
         if found.status != 0:
             raise RuntimeError(f"the motion runs away at {speed} rad/s: {found.message}")
         return found
@@ -112,27 +114,40 @@ class NonlinearRotor:
 
         **Errors.** ``RuntimeError`` where the motion does not settle into one.
         """
-        period, units = 2 * np.pi / speed, np.array([1.0, 1.0, speed, speed])
-        state = np.zeros(4) if start is None else np.asarray(start, float)
+        first = np.zeros(4) if start is None else np.asarray(start, float)
+        return self._orbits(speed, np.array([self.unbalance], complex), turns, first[:, None])[0]
+
+    def _orbits(self, speed: float, unbalance: np.ndarray, turns: int, state: np.ndarray) -> list[Orbit]:
+        """The motions of rotors that differ in their unbalance alone, all in one integration. **Arguments:** ``state``:
+        4 x motion, where they begin.
+        """
+        period, units, motions = 2 * np.pi / speed, np.array([1.0, 1.0, speed, speed])[:, None], len(unbalance)
         # Friction spread over a small speed is stiff; where this ends need not be exact.
-        state = self._integrate(
-            state[:, None], speed, self.transient, rtol=1e-6, method="LSODA", t_eval=[self.transient * period]
-        ).y[:, -1]
+        state = (
+            self._integrate(
+                state, unbalance, speed, self.transient, rtol=1e-6, method="LSODA", t_eval=[self.transient * period]
+            )
+            .y[:, -1]
+            .reshape(4, -1)
+        )
         fine = {"rtol": 1e-12, "max_step": period / LEAST_STEPS}
         for _ in range(25):
-            size = max(np.max(np.abs(state / units)), 1e-9)
-            moved = np.column_stack([state, state[:, None] + np.diag(STEP * size * units)])
-            after = self._integrate(moved, speed, turns, **fine).y[:, -1].reshape(4, 5)
-            change = (after[:, 1:] - after[:, :1]) / (STEP * size * units)
+            size = np.maximum(np.max(np.abs(state / units), axis=0), 1e-9)
+            change = STEP * size * units * np.eye(4)[:, :, None]
+            moved = np.concatenate([state[:, None], state[:, None] + change], axis=1).reshape(4, -1)
+            after = self._integrate(moved, np.tile(unbalance, 5), speed, turns, **fine).y[:, -1].reshape(4, 5, motions)
+            slope = np.moveaxis((after[:, 1:] - after[:, :1]) / (STEP * size * units.T[..., None]), 2, 0)
             miss = after[:, 0] - state
-            if np.max(np.abs(miss / units)) < MISS * size:
+            if np.all(np.max(np.abs(miss / units), axis=0) < MISS * size):
                 break
-            state = state + np.linalg.solve(np.eye(4) - change, miss)
+            state = state + np.linalg.solve(np.eye(4) - slope, miss.T[..., None])[..., 0].T
         else:
             raise RuntimeError(f"no motion that repeats itself after {turns} turns at {speed} rad/s")
         times = np.arange(SAMPLES * turns) * period / SAMPLES
-        solution = self._integrate(state[:, None], speed, turns, **fine, dense_output=True).sol(times)
-        return Orbit(times, solution[0:2].T, float(np.max(np.abs(np.linalg.eigvals(change)))))
+        found = self._integrate(state, unbalance, speed, turns, **fine, dense_output=True).sol(times)
+        position = found.reshape(4, motions, -1)[:2]
+        multiplier = np.max(np.abs(np.linalg.eigvals(slope)), axis=1)
+        return [Orbit(times, position[:, k].T, float(multiplier[k])) for k in range(motions)]
 
     def vectors(
         self, speed: float, orders: tuple[float, ...] = (1.0,), probes: tuple[float, ...] = (0.0, np.pi / 2)
@@ -142,19 +157,33 @@ class NonlinearRotor:
 
         **Errors.** ``RuntimeError`` where the motion is unstable.
         """
+        return self.vectors_of([self.unbalance], speed, orders, probes)[0]
+
+    def vectors_of(
+        self,
+        unbalances: Sequence[complex],
+        speed: float,
+        orders: tuple[float, ...] = (1.0,),
+        probes: tuple[float, ...] = (0.0, np.pi / 2),
+    ) -> np.ndarray:
+        """The same of rotors that differ in their unbalance alone: motion x probe x order."""
         turns = next(k for k in (1, 2, 3, 4) if all(abs(n * k - round(n * k)) < 1e-9 for n in orders))
-        orbit = self.orbit(speed, turns)
-        if orbit.multiplier >= 1.0:
-            raise RuntimeError(f"unstable at {speed} rad/s: multiplier {orbit.multiplier:.4f}")
-        waves = np.array(
-            [np.cos(angle) * orbit.position[:, 0] + np.sin(angle) * orbit.position[:, 1] for angle in probes]
-        )
-        if self.bend is not None:
-            waves = self.bend(waves)
-        columns = [
-            (1.0 if n == 0 else 2.0) * np.mean(waves * np.exp(-1j * n * speed * orbit.times), axis=1) for n in orders
-        ]
-        return np.stack(columns, axis=1)
+        own = np.array(unbalances, complex)
+        found = []
+        for orbit in self._orbits(speed, own, turns, np.zeros((4, len(own)))):
+            if orbit.multiplier >= 1.0:
+                raise RuntimeError(f"unstable at {speed} rad/s: multiplier {orbit.multiplier:.4f}")
+            waves = np.array(
+                [np.cos(angle) * orbit.position[:, 0] + np.sin(angle) * orbit.position[:, 1] for angle in probes]
+            )
+            if self.bend is not None:
+                waves = self.bend(waves)
+            turning = [np.exp(-1j * n * speed * orbit.times) for n in orders]
+            columns = [
+                (1.0 if n == 0 else 2.0) * np.mean(waves * e, axis=1) for n, e in zip(orders, turning, strict=True)
+            ]
+            found.append(np.stack(columns, axis=1))
+        return np.array(found)
 
 
 def _pair(x, y) -> np.ndarray:
@@ -284,14 +313,14 @@ def measure(
 
     ``forces``: the same at every speed, or a function of the speed.
     """
-    vectors = []
-    for weights in plan.weights.values():
-        for speed in plan.speeds:
-            present = tuple(forces(speed)) if callable(forces) else tuple(forces)
-            rotor = NonlinearRotor(
-                machine.mass, machine.stiffness, machine.damping, sense, gravity, sum(weights), plan.bow, present, bend
-            )
-            vectors.append(rotor.vectors(speed, plan.orders))
-    clean = np.array(vectors)
+    totals, by_speed = [sum(weights) for weights in plan.weights.values()], []
+    for speed in plan.speeds:
+        present = tuple(forces(speed)) if callable(forces) else tuple(forces)
+        rotor = NonlinearRotor(
+            machine.mass, machine.stiffness, machine.damping, sense, gravity, 0.0, plan.bow, present, bend
+        )
+        by_speed.append(rotor.vectors_of(totals, speed, plan.orders))
+    clean = np.moveaxis(np.array(by_speed), 0, 1)
+    clean = clean.reshape(-1, *clean.shape[2:])
     noisy = clean + plan.sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
     return np.where(np.array(plan.orders) == 0, noisy.real + 0j, noisy)

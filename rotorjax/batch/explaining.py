@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 from rotorjax.compilation import spare_memory_maps, use_double_precision
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import harmless
-from rotorjax.data.rig import Rig, read_rig
-from rotorjax.data.table import read_table
+from rotorjax.data.rig import Rig, read_measurement, read_rig
 from rotorjax.discovery.explain import explain
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.errors import InputError
@@ -105,8 +104,7 @@ def _explained(task: Task) -> dict[str, Any]:
             "put one there, or give a list with the columns data,rig"
         )
     rig = read_rig(task.rig)
-    table = read_table(task.data, probes=rig.model.layout.probes)
-    measurement = rig.measurement(table, task.data)
+    measurement = read_measurement(task.data, rig)
     refuse_what_cannot_be_missing(task.only or (), rig, measurement)
     found = explain(
         rig.model,
@@ -118,7 +116,7 @@ def _explained(task: Task) -> dict[str, Any]:
     )
     if task.report:
         _write_report(task.report, found, rig, f"{task.data.name}: what {task.rig.name} lacks")
-    told = [harmless(note) for note in (*table.notes, *measurement.notes)]
+    told = [harmless(note) for note in measurement.notes]
     return {**row_of(found, rig), "notes": told, "report": _path(task.report)}
 
 

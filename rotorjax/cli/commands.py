@@ -4,14 +4,14 @@ import argparse
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_slip
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.recordings import read_recorded, table_or_recordings
-from rotorjax.cli.terminal import complain, say, terminal_width
+from rotorjax.cli.terminal import note, say, terminal_width
 from rotorjax.compilation import use_double_precision
 from rotorjax.errors import InputError
 
@@ -141,23 +141,24 @@ def simulate(options: argparse.Namespace) -> None:
     if options.like and options.orders:
         raise InputError("--orders goes with --speeds; with --like the table's orders are taken")
     use_double_precision()
-    from rotorjax.data.rig import read_rig
+    from rotorjax.data.rig import read_measurement, read_rig
     from rotorjax.data.simulate import noisy, plan_like, plan_speeds
     from rotorjax.physics.stability import steadiness
     from rotorjax.reporting.comparison import objections
     from rotorjax.reporting.tables import wrapped
 
     rig = read_rig(options.rig)
-    _note(rig.notes)
+    note(rig.notes)
     if not 0.0 <= options.noise_um < float("inf"):
         raise InputError(f"--noise-um {options.noise_um}: must be a finite number, zero or more")
     if abs(options.seed) > LARGEST_SEED:
         raise InputError(f"--seed {options.seed}: must be a whole number of at most {LARGEST_SEED}")
-    plan = (
-        plan_like(_measurement(options.like, rig))
-        if options.like
-        else plan_speeds(rig, options.speeds, options.orders or "1")
-    )
+    if options.like:
+        measured = read_measurement(options.like, rig)
+        note(measured.notes)
+        plan = plan_like(measured)
+    else:
+        plan = plan_speeds(rig, options.speeds, options.orders or "1")
     model = rig.model.with_orders(plan.orders)
     additions, given = parse_effects(options.effect, model)
     for effect in additions:
@@ -209,28 +210,14 @@ def _measured(
     """
     if options.recordings:
         with progress_line() if progress is None else contextlib.nullcontext(progress) as told:
-            return read_recorded(options, told)
-    from rotorjax.data.rig import read_rig
+            rig, measurement = read_recorded(options, told)
+    else:
+        from rotorjax.data.rig import read_measurement, read_rig
 
-    rig = read_rig(options.rig)
-    measurement = _measurement(options.data, rig)
-    _note(measurement.notes)
+        rig = read_rig(options.rig)
+        measurement = read_measurement(options.data, rig)
+    note(measurement.notes)
     return rig, measurement
-
-
-def _measurement(path: Path, rig: "Rig") -> "Measurement":
-    """A table of a rig, notes on what was tolerated on standard error."""
-    from rotorjax.data.table import read_table
-
-    table = read_table(path, probes=rig.model.layout.probes)
-    _note(table.notes)
-    return rig.measurement(table, path)
-
-
-def _note(notes: Iterable[str]) -> None:
-    """What was tolerated, or looks like a mistake, on standard error."""
-    for note in notes:
-        complain(f"note: {note}")
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rotorjax.cli.arguments import check_outputs
 from rotorjax.cli.progress import progress_line
-from rotorjax.cli.terminal import complain, say, terminal_width
+from rotorjax.cli.terminal import note, say, terminal_width
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def vectors(options: argparse.Namespace) -> None:
         rig = read_rig(options.rig)
         _keep_recordings(options, rig)
         records = read_recordings(rig, options.files, orders=orders, sample_rate_hz=rate, progress=progress)
-    _tell([*records.all_notes, *rig.notes])
+    note([*records.all_notes, *rig.notes])
     rows = [rig.convention.to_table(row) for row in records.rows()]
     write_table(options.output, rows)
     say(recordings_text(records, width=terminal_width()))
@@ -67,10 +67,7 @@ def read_recorded(options: argparse.Namespace, progress: "Progress") -> "tuple[R
 
     rig = read_rig(options.recordings)
     _keep_recordings(options, rig)
-    records = read_recordings(rig, progress=progress)
-    measurement = records.measurement(rig)
-    _tell([*records.all_notes, *measurement.notes])
-    return rig, measurement
+    return rig, read_recordings(rig, progress=progress).measurement(rig)
 
 
 def _keep_recordings(options: argparse.Namespace, rig: "Rig") -> None:
@@ -84,9 +81,3 @@ def _keep_recordings(options: argparse.Namespace, rig: "Rig") -> None:
         path = getattr(options, flag, None)
         if path is not None and path.resolve() in read:
             raise InputError(f"--{flag.replace('_', '-')} {path}: is one of the recordings; choose another file")
-
-
-def _tell(notes: list[str]) -> None:
-    """Notes on standard error."""
-    for note in notes:
-        complain(f"note: {note}")

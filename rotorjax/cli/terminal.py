@@ -5,6 +5,7 @@ where the reader of a pipe has seen enough.
 import os
 import shutil
 import sys
+from collections.abc import Iterable
 
 from rotorjax.data.names import harmless
 
@@ -27,6 +28,12 @@ def say(text: str) -> None:
 def complain(text: str) -> None:
     """Print a problem or a note on standard error."""
     print(f"rotorjax: {harmless(text)}", file=sys.stderr)
+
+
+def note(notes: Iterable[str]) -> None:
+    """Print what was tolerated, or looks like a mistake, on standard error."""
+    for line in notes:
+        complain(f"note: {line}")
 
 
 def leave_output() -> None:

@@ -85,12 +85,12 @@ class Records:
         return rows
 
     def measurement(self, rig: Rig) -> Measurement:
-        """The vectors as a measurement of the rig.
+        """The vectors as a measurement of the rig, with all notes.
 
         **Errors.** `InputError` as for a table.
         """
         rows = [rig.convention.to_table(row) for row in self.rows()]
-        read = rig.measurement(Table(rows, [0] * len(rows), [], []), rig.path)
+        read = rig.measurement(Table(rows, [0] * len(rows), [], self.all_notes), rig.path)
         return dataclasses.replace(read, knowledge=dataclasses.replace(read.knowledge, amplitude=None))
 
 

@@ -78,7 +78,7 @@ class Rig:
         return tuple(doubts(self.document, self.model))
 
     def measurement(self, table: Table, path: Path) -> Measurement:
-        """A table's rows as a measurement of this rig.
+        """A table's rows as a measurement of this rig, the table's notes among its own.
 
         **Errors.** `InputError` with the table's problems, and for every run that the rig file lacks the block to
         paste.
@@ -88,7 +88,7 @@ class Rig:
             raise InputError(*problems)
         rows = [self.convention.to_internal(row) for row in table.rows]
         found = arrange(rows, runs=self.runs, probes=self.model.layout.probes, knowledge=self.knowledge)
-        return dataclasses.replace(found, notes=tuple(doubts(self.document, self.model, found)))
+        return dataclasses.replace(found, notes=(*table.notes, *doubts(self.document, self.model, found)))
 
     def measurement_of_text(self, text: str, name: str) -> Measurement:
         """A table that was read already, or made, as a measurement of this rig. **Arguments:** ``name``: of the table

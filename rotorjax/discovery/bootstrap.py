@@ -97,12 +97,10 @@ class _Draws:
         self.counted = (data.weight.reshape(len(data.weight), -1) > 0.0) & contest.training[:, None]
 
     def make(self, count: int) -> Float[np.ndarray, "draw case cell"]:
-        """Noise in standard errors, the scatter between runs in it."""
-        noises, scatter = self.rng.standard_normal((count, *self.counted.shape)) * self.counted, self.data.scatter
-        if scatter.shape[-1]:
-            random = self.rng.standard_normal((count, self.data.run_count, scatter.shape[-1]))
-            noises = noises + np.einsum("cml,dcl->dcm", scatter * self.counted[..., None], random[:, self.data.run])
-        return noises
+        """Noise in standard errors, with what the errors of several vectors have in common."""
+        noises, common = self.rng.standard_normal((count, *self.counted.shape)) * self.counted, self.data.common
+        random = self.rng.standard_normal((count, common.shape[-1]))
+        return noises + np.einsum("cml,dl->dcm", common * self.counted[..., None], random)
 
     def costs(
         self, noises: Float[np.ndarray, "draw case cell"]

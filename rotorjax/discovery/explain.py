@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
+from threadpoolctl import threadpool_limits
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
@@ -19,7 +20,7 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
 from rotorjax.discovery.search import (
-    DETECTED,
+    PROBABLE,
     Progress,
     Selection,
     Telling,
@@ -53,6 +54,7 @@ FOR_THE_FORCE = 50_000
 """Of them kept for the force that is missing, where nothing explains, however long the search took."""
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def explain(  # noqa: PLR0913
     model: Model | AbstractRotor,
     measurement: Measurement,
@@ -316,7 +318,7 @@ def _verdict(
     if structure:
         return "unexplained"
     further = ranking(contest, selection.races[-1], selection.present)
-    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < DETECTED:
+    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < PROBABLE:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
 

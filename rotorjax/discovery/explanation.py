@@ -12,7 +12,7 @@ from rotorjax.discovery.bootstrap import PValue
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
-from rotorjax.discovery.search import DETECTED, Ranked, none_left
+from rotorjax.discovery.search import DETECTED, PROBABLE, Ranked, none_left
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties
@@ -112,11 +112,11 @@ class Explanation(Reported):
 
     @property
     def more(self) -> tuple[Ranked, ...]:
-        """What would be added next, where "none" is improbable: the effects that together make it so, the most probable
-        first; else nothing.
+        """What would be added next, where it is less probable than not that nothing is missing any more: the effects
+        that together make it so, the most probable first; else nothing.
         """
         last = self.rankings[-1]
-        if none_left(last) >= DETECTED:
+        if none_left(last) >= PROBABLE:
             return ()
         return tuple(r for r in last if r.effect != "none" and r.probability >= DETECTED)
 

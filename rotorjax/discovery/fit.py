@@ -215,7 +215,7 @@ def summarise(
     """
     space, measurement, free = stage.space, stage.measurement, stage.free
     best, data = now.best, now.data
-    clusters = independent_parts(best.local, data)
+    clusters = independent_parts(best, data)
     covariance = robust_covariance(best, clusters)
     quantile = (
         float(stdtrit(max(len(clusters) - 1, 1), 0.975))

@@ -16,6 +16,8 @@ from rotorjax.inference.prediction import predict
 
 DETECTED = 0.05
 """Probability of "none" below which an effect counts as detected."""
+PROBABLE = 0.5
+"""Probability that nothing further is missing from which on an answer is not doubted."""
 PRICE = math.log((1.0 - DETECTED) / DETECTED)
 """The same in log odds."""
 PAIRED = 8

@@ -20,6 +20,7 @@ from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
+from rotorjax.inference.squares import squares_of
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
@@ -325,13 +326,11 @@ def _score(contest: Contest, contender: Contender, noise: Noise, *, normalised: 
     old, weight = contest.measurement.weights(contender.noise.allowance), data.weight
     ratio = np.divide(weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
     error, used = end.local.error * ratio, weight[weight > 0.0]
-    cost, logarithm = 0.0, -float(np.sum(np.log(used)))
-    for run in range(data.run_count):
-        own, block = error[data.run == run].ravel(), data.scatter[data.run == run]
-        block = block.reshape(len(own), block.shape[-1])
-        covariance = np.eye(len(own)) + block @ block.T
-        logarithm += 0.5 * float(np.linalg.slogdet(covariance)[1])
-        cost += 0.5 * float(own @ np.linalg.solve(covariance, own))
+    logarithm = -float(np.sum(np.log(used)))
+    common = data.common.reshape(error.size, -1)
+    logarithm += 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
+    every = np.ones(len(error), bool)
+    cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
     share = min(1.0, contest.independent_numbers / len(used)) if noise.allowance > 0.0 else 1.0
     occam = end.prior.cost + 0.5 * float(np.linalg.slogdet(end.curvature)[1])
     return -share * (cost + normalised * logarithm) - occam + contest.log_odds(contender.effects)

@@ -1,7 +1,6 @@
 """A measurement as compiled code wants it, what to leave out of it, and where descents begin."""
 
 import itertools
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +8,7 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import Measurement, is_half_order
-from rotorjax.inference.faults import fault_sensitivity
-from rotorjax.inference.noise import Noise, scatter_factor
+from rotorjax.inference.covariance import Noise, common_errors
 from rotorjax.inference.space import Space
 from rotorjax.model.model import Model
 
@@ -30,8 +28,8 @@ class Data(NamedTuple):
     weight: Float[np.ndarray, "case probe order 2"]
     half_order: Bool[np.ndarray, "order"]
     run: Int[np.ndarray, "case"]
-    scatter: Float[np.ndarray, "case cell latent"]
-    """Whitened sensitivity to the random unbalance and bow of the case's run; without any none."""
+    common: Float[np.ndarray, "case cell common"]
+    """What the errors of several vectors have in common: see `rotorjax.inference.covariance`."""
     run_count: int
 
 
@@ -42,18 +40,11 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     add to the table's.
     """
     weight = measurement.weights(noise.allowance)
-    factor = scatter_factor(measurement, model, noise.scatter)
-    if np.any(factor):
-        slopes = fault_sensitivity(model, measurement.conditions)
-        scatter = weight[..., None] * np.einsum("cpokd,cdl->cpokl", slopes, factor[measurement.run])
-        scatter = scatter.reshape(len(weight), -1, scatter.shape[-1])
-    else:
-        scatter = np.zeros((len(weight), math.prod(weight.shape[1:]), 0))
     at = measurement.conditions
     return Data(
         np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), numpy_pair(measurement.vectors), weight,
-        np.array([is_half_order(order) for order in measurement.orders]), measurement.run, scatter,
-        len(measurement.runs),
+        np.array([is_half_order(order) for order in measurement.orders]), measurement.run,
+        common_errors(measurement, model, noise), len(measurement.runs),
     )  # fmt: skip
 
 

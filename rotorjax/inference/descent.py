@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
+from threadpoolctl import ThreadpoolController
 
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data
@@ -98,6 +99,7 @@ def starts_at(points: Float[np.ndarray, "start param"]) -> list[Start]:
     return [Start(point) for point in points]
 
 
+@ThreadpoolController().wrap(limits=1, user_api="blas")
 @np.errstate(over="ignore", invalid="ignore")
 def descend(  # noqa: PLR0913
     space: Space,

@@ -9,6 +9,7 @@ from rotorjax.inference.data import Data
 from rotorjax.inference.descent import End, Local
 from rotorjax.inference.noise import FEW_RUNS
 from rotorjax.inference.space import Entry, Space
+from rotorjax.inference.squares import squares_of
 
 NORMAL_QUANTILE = 1.96
 """Standard errors in half a 95 % interval of the normal distribution."""
@@ -35,31 +36,16 @@ class Estimate(NamedTuple):
         return self.entry.declared_uncertain and abs(self.pull) > PULLED
 
 
-def independent_parts(local: Local, data: Data) -> list[Local]:
+def independent_parts(best: End, data: Data) -> list[Local]:
     """Parts of the residual that are independent of one another: runs, or single cases where there are too few runs to
-    judge what they share.
+    judge what they share. What the errors of several vectors have in common is taken off the residual.
     """
-    if data.run_count < FEW_RUNS:
-        return [Local(error, slopes) for error, slopes in zip(local.error, local.slopes, strict=True)]
-    return _whitened_by_run(local, data)
-
-
-def _whitened_by_run(local: Local, data: Data) -> list[Local]:
-    """Residual and slopes of each run with unit covariance: what the run's random unbalance and bow correlate is
-    undone.
-    """
-    random = data.scatter
-    runs = []
-    for run in range(data.run_count):
-        cases = data.run == run
-        error, common = local.error[cases].ravel(), random[cases]
-        slopes = local.slopes[cases].reshape(len(error), local.slopes.shape[-1])
-        if common.shape[-1]:
-            block = common.reshape(len(error), -1)
-            factor = np.linalg.cholesky(np.eye(len(error)) + block @ block.T)
-            error, slopes = np.linalg.solve(factor, error), np.linalg.solve(factor, slopes)
-        runs.append(Local(error, slopes))
-    return runs
+    error, slopes = best.local
+    every, cells = np.ones(len(error), bool), error.shape[1]
+    left = squares_of(data, error, slopes, every).left(np.zeros(slopes.shape[-1]))
+    label = np.arange(len(error)) if data.run_count < FEW_RUNS else data.run
+    parts = [np.flatnonzero(label == part) for part in range(int(label.max()) + 1)]
+    return [Local(left[part].ravel(), slopes[part].reshape(len(part) * cells, slopes.shape[-1])) for part in parts]
 
 
 def robust_covariance(best: End, clusters: list[Local]) -> Float[np.ndarray, "param param"]:

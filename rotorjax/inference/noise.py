@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import Measurement, cluster_speeds, is_half_order
-from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance
+from rotorjax.inference.covariance import NO_NOISE, NO_SCATTER, Noise, RunScatter, common_errors
+from rotorjax.inference.faults import fault_sensitivity
 from rotorjax.model.model import Model
-from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 FEW_RUNS = 4
 """Fewer runs say nothing useful about the scatter between runs."""
@@ -33,47 +33,6 @@ SAME_MISFIT, MOST_ROUNDS = 0.02, 12
 """
 LEAST_GAIN = 2.0
 """Log likelihood that scatter between runs must gain to be believed."""
-
-
-class RunScatter(NamedTuple):
-    """Standard deviation per component of a random unbalance and a random bow in every run, of zero mean."""
-
-    unbalance_kg_m: float = 0.0
-    bow_m: float = 0.0
-
-    def as_json(self) -> dict[str, float]:
-        """In engineering units."""
-        return {"unbalance_g_mm": self.unbalance_kg_m / GRAM_MILLIMETRE, "bow_um": self.bow_m / MICROMETRE}
-
-
-class Noise(NamedTuple):
-    """What is added to the standard errors of the table: an isotropic allowance for misfit [m], and scatter between
-    runs.
-    """
-
-    allowance: float = 0.0
-    scatter: RunScatter = RunScatter()
-
-
-NO_SCATTER, NO_NOISE = RunScatter(), Noise()
-
-
-def scatter_factor(
-    measurement: Measurement, model: Model, scatter: RunScatter = NO_SCATTER
-) -> Float[np.ndarray, "run dof latent"]:
-    """Factor L of the covariance L Lᵀ of the random (U_x, U_y, s_x, s_y) of each run [kg m, m].
-
-    What the user declared of the installed weights and bows, relative size along and angle across, and ``scatter``.
-    """
-    known, installed = measurement.knowledge, installed_faults(model, measurement)
-    factors = np.zeros((len(measurement.runs), 4, 4))
-    for run, fault in enumerate(installed):
-        covariance = np.diag([scatter.unbalance_kg_m**2] * 2 + [scatter.bow_m**2] * 2)
-        covariance[:2, :2] += polar_covariance(fault[:2], known.installed_unbalance, known.installed_angle_rad)
-        covariance[2:, 2:] += polar_covariance(fault[2:], known.installed_bow, known.installed_angle_rad)
-        values, directions = np.linalg.eigh(covariance)
-        factors[run] = directions * np.sqrt(np.maximum(values, 0.0))
-    return factors
 
 
 def scatter_wanted(measurement: Measurement) -> bool:
@@ -227,26 +186,18 @@ def scatter_share(
 def whitened_residual(
     measurement: Measurement, model: Model, residual: Complex[np.ndarray, "case probe order"], noise: Noise = NO_NOISE
 ) -> Float[np.ndarray, "cell"]:
-    """Residual in standard errors with unit covariance: the random unbalance and bow of each run are undone.
+    """Residual in standard errors with unit covariance: what the errors of several vectors have in common is undone.
 
     **Arguments:** ``residual`` [m]; ``model``: where the sensitivity to those is taken; ``noise``: what to add to the
     table's, which must be known.
     """
     weight = measurement.weights(noise.allowance)
-    errors = numpy_pair(residual) * weight
-    factor = scatter_factor(measurement, model, noise.scatter)
-    if not np.any(factor):
-        return errors[weight > 0.0]
-    slopes = fault_sensitivity(model, measurement.conditions) * weight[..., None]
-    parts = []
-    for run in range(len(measurement.runs)):
-        cases = measurement.run == run
-        counted = weight[cases].ravel() > 0.0
-        block = (slopes[cases].reshape(-1, 4) @ factor[run])[counted]
-        parts.append(
-            np.linalg.solve(np.linalg.cholesky(np.eye(len(block)) + block @ block.T), errors[cases].ravel()[counted])
-        )
-    return np.concatenate(parts)
+    errors, counted = numpy_pair(residual) * weight, weight.ravel() > 0.0
+    common = common_errors(measurement, model, noise).reshape(len(counted), -1)[counted]
+    if not common.shape[1]:
+        return errors.ravel()[counted]
+    factor = np.linalg.cholesky(np.eye(len(common)) + common @ common.T)
+    return solve_triangular(factor, errors.ravel()[counted], lower=True)
 
 
 def reduced_chi2(
@@ -297,6 +248,6 @@ def misfit_of(
         weight = measurement.weights(allowance)
         variance = 1.0 / float(np.mean(weight[weight > 0.0] ** 2))
         allowance = math.sqrt(max(allowance**2 + variance * (chi2 - 1.0), floor.allowance**2))
-        if not np.any(scatter_factor(measurement, model, floor.scatter)):
+        if not common_errors(measurement, model, Noise(allowance, floor.scatter)).shape[-1]:
             break
     return allowance

@@ -29,14 +29,14 @@ class Normal(Squares):
         self.one, self.task, self.freedom = one, task, freedom if one.freedom is not None else 0.0
         counted = task.training[:, None]
         error = (one.error if task.shift is None else one.error + task.shift) * counted
-        slopes, scatter = one.slopes * counted[..., None], lin.data.scatter * counted[..., None]
+        slopes, common = one.slopes * counted[..., None], lin.data.common * counted[..., None]
         self._factor = None
         if self.freedom > 0.0 and one.freedom is not None:
             reach = self.freedom * one.freedom.reach * counted[..., None]
             self._factor = np.linalg.cholesky(np.eye(reach.shape[1]) + reach @ np.swapaxes(reach, 1, 2))
             error = np.linalg.solve(self._factor, error[..., None])[..., 0]
-            slopes, scatter = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, scatter)
-        super().__init__(lin.data, error, slopes, scatter)
+            slopes, common = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, common)
+        super().__init__(error, slopes, common)
 
     def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "state motion"]:
         """How the motions move with a step of the parameters."""

@@ -1,54 +1,48 @@
-"""Half the squares of residuals as a function of the parameters to first order, what scatters between runs integrated
-out.
+"""Half the squares of residuals as a function of the parameters to first order, what the errors of several vectors have
+in common integrated out.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.linalg import solve_triangular
 
 from rotorjax.inference.data import Data
 
 
 class Squares:
-    """Cost ½ |C^(-1/2) e|², C = 1 + B Bᵀ in each run, of a residual e(θ) = e + J dθ in standard errors; its gradient Jᵀ
-    C⁻¹ e and Hessian Jᵀ C⁻¹ J.
+    """Cost ½ |C^(-1/2) e|², C = 1 + B Bᵀ, of a residual e(θ) = e + J dθ in standard errors; its gradient Jᵀ C⁻¹ e and
+    Hessian Jᵀ C⁻¹ J.
 
-    B: what random unbalance and bow of a run, in units of their scatter, do to its vectors. Cases that do not count
-    have none of the three.
+    B: what one unit of every common error does (`rotorjax.inference.covariance`). Cases that do not count have none of
+    the three.
     """
 
     def __init__(
         self,
-        data: Data,
         error: Float[np.ndarray, "case cell"],
         slopes: Float[np.ndarray, "case cell free"],
-        scatter: Float[np.ndarray, "case cell latent"],
+        common: Float[np.ndarray, "case cell common"],
     ) -> None:
         self._error, self._slopes = error, slopes
-        self.cost = 0.5 * float(np.sum(error**2))
-        flat = slopes.reshape(error.size, slopes.shape[-1])
-        self.gradient = flat.T @ error.ravel()
-        self.hessian = flat.T @ flat
-        self._scatter, self._run = None, data.run
-        if scatter.shape[-1]:
-            latents = scatter.shape[-1]
-            products = np.swapaxes(scatter, 1, 2) @ np.concatenate([scatter, error[..., None], slopes], axis=-1)
-            member = (data.run[:, None] == np.arange(data.run_count)).astype(float)
-            by_run = (member.T @ products.reshape(len(member), -1)).reshape(data.run_count, *products.shape[1:])
-            inner, both = np.eye(latents) + by_run[..., :latents], by_run[..., latents:]
-            self._scatter, self._inner, self._score, self._cross = scatter, inner, both[..., 0], both[..., 1:]
-            solved = np.linalg.solve(inner, both)
-            taken_off = both.reshape(-1, both.shape[-1]).T @ solved.reshape(-1, both.shape[-1])
-            self.cost -= 0.5 * float(taken_off[0, 0])
-            self.gradient = self.gradient - taken_off[1:, 0]
-            self.hessian = self.hessian - taken_off[1:, 1:]
+        flat, left = slopes.reshape(error.size, slopes.shape[-1]), error.ravel()
+        self.cost = 0.5 * float(left @ left)
+        self.gradient, self.hessian = flat.T @ left, flat.T @ flat
+        self._common = None
+        if common.shape[-1]:
+            columns = common.reshape(error.size, common.shape[-1])
+            factor = np.linalg.cholesky(np.eye(columns.shape[1]) + columns.T @ columns)
+            self._common = solve_triangular(factor, columns.T, lower=True)
+            taken, slope = self._common @ left, self._common @ flat
+            self.cost -= 0.5 * float(taken @ taken)
+            self.gradient = self.gradient - slope.T @ taken
+            self.hessian = self.hessian - slope.T @ slope
 
     def left(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "case cell"]:
-        """The residual after a step, less the most probable scatter."""
+        """The residual after a step, less the most probable common errors: C⁻¹ (e + J dθ)."""
         left = self._error + self._slopes @ step
-        if self._scatter is None:
+        if self._common is None:
             return left
-        random = np.linalg.solve(self._inner, (self._score + self._cross @ step)[..., None])[..., 0]
-        return left - np.einsum("cml,cl->cm", self._scatter, random[self._run])
+        return left - (self._common.T @ (self._common @ left.ravel())).reshape(left.shape)
 
 
 def squares_of(
@@ -59,4 +53,4 @@ def squares_of(
 ) -> Squares:
     """Of the cases that count."""
     counted = training[:, None]
-    return Squares(data, error * counted, slopes * counted[..., None], data.scatter * counted[..., None])
+    return Squares(error * counted, slopes * counted[..., None], data.common * counted[..., None])

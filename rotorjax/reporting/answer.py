@@ -2,6 +2,7 @@
 
 from rotorjax.data.declarations import Slip, amplitude_changes
 from rotorjax.discovery.explanation import Explanation
+from rotorjax.discovery.search import DETECTED, none_left
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
 from rotorjax.reporting.missing_force import missing_force_lines
@@ -144,7 +145,8 @@ def as_if_lines(found: Explanation) -> list[str]:
 
 def would_be_next(found: Explanation) -> str | None:
     """The effect at which the limit on their number stopped the search, if it did."""
-    return found.more[0].effect if found.more and len(found.effects) >= found.max_effects else None
+    stopped = len(found.effects) >= found.max_effects and none_left(found.rankings[-1]) < DETECTED
+    return found.more[0].effect if stopped and found.more else None
 
 
 def slight(found: Explanation) -> bool:

@@ -82,10 +82,10 @@ def _explained(
     from rotorjax.reporting.explanation_json import explanation_json  # noqa: PLC0415
 
     progress(f"reading {job['table'] or job['rig']}")
-    rig, measurement, notes = _read(job, progress)
+    rig, measurement = _read(job, progress)
     found = explain(rig.model, measurement, **options, progress=progress)
     progress("drawing the report")
-    folder = Path(job["folder"])
+    folder, notes = Path(job["folder"]), list(measurement.notes)
     if not rig.write(folder / RIG, found.model, found.slip):
         cure = "" if found.slip is None else f"; change by hand: {found.slip.cure}"
         notes.append(f"the saved rig file still goes with what was written down wrongly{cure}")
@@ -95,17 +95,13 @@ def _explained(
     return {"verdict": told["verdict"], "sentence": told["sentence"], "notes": [named(note) for note in notes]}
 
 
-def _read(job: Mapping[str, Any], progress: Callable[[str], None]) -> tuple[Any, Any, list[str]]:
-    """Rig file, measurement, and notes on both."""
-    from rotorjax.data.rig import read_rig  # noqa: PLC0415
-    from rotorjax.data.table import read_table  # noqa: PLC0415
+def _read(job: Mapping[str, Any], progress: Callable[[str], None]) -> tuple[Any, Any]:
+    """Rig file and measurement."""
+    from rotorjax.data.rig import read_measurement, read_rig  # noqa: PLC0415
 
     rig = read_rig(job["rig"])
     if job["table"] is not None:
-        path = Path(job["table"])
-        table = read_table(path, probes=rig.model.layout.probes)
-        measurement = rig.measurement(table, path)
-        return rig, measurement, [*table.notes, *measurement.notes]
+        return rig, read_measurement(job["table"], rig)
     from rotorjax.data.record_vectors import read_recordings  # noqa: PLC0415
 
     # Only what was given is read, whatever paths the rig file names.
@@ -114,9 +110,7 @@ def _read(job: Mapping[str, Any], progress: Callable[[str], None]) -> tuple[Any,
     slow_roll = waveform.slow_roll and places[waveform.slow_roll]
     waveform = dataclasses.replace(waveform, recordings=recordings, slow_roll=slow_roll)
     stored = dataclasses.replace(rig, waveform=waveform)
-    records = read_recordings(stored, progress=progress)
-    measurement = records.measurement(stored)
-    return rig, measurement, [*records.all_notes, *measurement.notes]
+    return rig, read_recordings(stored, progress=progress).measurement(stored)
 
 
 def _load() -> None:

@@ -1,0 +1,123 @@
+"""What the errors of several vectors have in common: unbalance and bow of a run that nobody knows exactly, and the
+error of the model's form.
+
+In standard errors the covariance of all vectors is 1 + B Bᵀ. The columns of B, here `common_errors`, are independent
+random numbers of unit variance.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from rotorjax.arrays import numpy_pair
+from rotorjax.data.measurement import Measurement
+from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance
+from rotorjax.model.model import Model
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
+
+ALIKE = 0.1
+"""Relative difference of speed over which the error of the model's form stays alike: several half-power widths of a
+resonance.
+"""
+NEGLIGIBLE = 0.01
+"""Variance, in that of the noise, which a common error may lack."""
+
+
+class RunScatter(NamedTuple):
+    """Standard deviation per component of a random unbalance and a random bow in every run, of zero mean."""
+
+    unbalance_kg_m: float = 0.0
+    bow_m: float = 0.0
+
+    def as_json(self) -> dict[str, float]:
+        """In engineering units."""
+        return {"unbalance_g_mm": self.unbalance_kg_m / GRAM_MILLIMETRE, "bow_um": self.bow_m / MICROMETRE}
+
+
+class Noise(NamedTuple):
+    """What is added to the standard errors of the table: an isotropic allowance for misfit [m], and scatter between
+    runs.
+    """
+
+    allowance: float = 0.0
+    scatter: RunScatter = RunScatter()
+
+
+NO_SCATTER, NO_NOISE = RunScatter(), Noise()
+
+
+def common_errors(measurement: Measurement, model: Model, noise: Noise) -> Float[np.ndarray, "case cell common"]:
+    """What one unit of every common error does to the vectors, in standard errors.
+
+    **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to add to the
+    table's.
+    """
+    weight = measurement.weights(noise.allowance)
+    cells = weight.reshape(len(weight), -1)
+    parts = [np.zeros((*cells.shape, 0))]
+    factor = _scatter_factor(measurement, model, noise.scatter)
+    if np.any(factor):
+        slopes = fault_sensitivity(model, measurement.conditions).reshape(*cells.shape, 4)
+        by_run = np.zeros((*cells.shape, len(measurement.runs), 4))
+        own = cells[..., None] * np.einsum("cmd,cdl->cml", slopes, factor[measurement.run])
+        by_run[np.arange(len(cells)), :, measurement.run] = own
+        parts.append(by_run.reshape(*cells.shape, -1))
+    if measurement.knowledge.tolerance > 0.0:
+        parts.append(_form_error(measurement, weight))
+    common = np.concatenate(parts, axis=-1)
+    return common[..., np.any(common != 0.0, axis=(0, 1))]
+
+
+def _scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter) -> Float[np.ndarray, "run dof latent"]:
+    """Factor L of the covariance L Lᵀ of the random (U_x, U_y, s_x, s_y) of each run [kg m, m].
+
+    What the user declared of the installed weights and bows, relative size along and angle across, and ``scatter``.
+    """
+    known, installed = measurement.knowledge, installed_faults(model, measurement)
+    factors = np.zeros((len(measurement.runs), 4, 4))
+    for run, fault in enumerate(installed):
+        covariance = np.diag([scatter.unbalance_kg_m**2] * 2 + [scatter.bow_m**2] * 2)
+        covariance[:2, :2] += polar_covariance(fault[:2], known.installed_unbalance, known.installed_angle_rad)
+        covariance[2:, 2:] += polar_covariance(fault[2:], known.installed_bow, known.installed_angle_rad)
+        values, directions = np.linalg.eigh(covariance)
+        factors[run] = directions * np.sqrt(np.maximum(values, 0.0))
+    return factors
+
+
+def _form_error(
+    measurement: Measurement, weight: Float[np.ndarray, "case probe order 2"]
+) -> Float[np.ndarray, "case cell common"]:
+    """The error of the model's form: at each order the vectors z of the probes become z + ε z.
+
+    The entries of the matrix ε(Ω) are complex Gaussian processes of the logarithm of the speed, the same in all runs,
+    with standard deviation ``tolerance`` of real and imaginary part and covariance 1 + exp(-½ (Δ ln Ω / `ALIKE`)²): a
+    rotor with more detail answers all runs alike by another response, which differs little from that of the model and
+    smoothly over speed (Kennedy, O'Hagan 2001, J. R. Stat. Soc. B 63:425-464: model discrepancy).
+    """
+    apart = np.subtract.outer(np.log(measurement.speed_rpm), np.log(measurement.speed_rpm)) / ALIKE
+    kernel = measurement.knowledge.tolerance**2 * (1.0 + np.exp(-0.5 * apart**2))
+    parts = []
+    for order in range(weight.shape[2]):
+        vectors = measurement.vectors[:, :, order]
+        both = kernel * (vectors @ vectors.conj().T)
+        for probe in range(weight.shape[1]):
+            parts.append(_root(both, weight[:, probe, order], weight.shape, (probe, order)))
+    return np.concatenate(parts, axis=-1)
+
+
+def _root(
+    covariance: Complex[np.ndarray, "case case"],
+    weight: Float[np.ndarray, "case 2"],
+    shape: tuple[int, ...],
+    where: tuple[int, int],
+) -> Float[np.ndarray, "case cell common"]:
+    """Columns whose squares sum up to a covariance of complex numbers, in standard errors at one probe and order."""
+    pairs = np.moveaxis(np.stack([numpy_pair(covariance), numpy_pair(1j * covariance)], axis=2), 3, 1)
+    rows = weight.ravel()
+    values, directions = np.linalg.eigh(rows[:, None] * pairs.reshape(len(rows), -1) * rows)
+    kept = values > NEGLIGIBLE
+    full = np.zeros((*shape, int(kept.sum())))
+    full[:, *where] = (directions[:, kept] * np.sqrt(values[kept])).reshape(*weight.shape, -1)
+    return full.reshape(shape[0], math.prod(shape[1:]), full.shape[-1])
