@@ -184,15 +184,13 @@ class _Rotor:
             machine = dataclasses.replace(machine, ratio=ratio)  # pyright: ignore
         self.machine = machine
 
-    def vectors(self, unbalance: complex, speed: float, orders: tuple[float, ...]) -> np.ndarray:
-        """As the chain shows them: gains, a turned reference, a late signal."""
-        m, installed = self.machine, unbalance + self.unbalance
-        rotor = NonlinearRotor(
-            m.mass, m.stiffness, m.damping, gravity=self.gravity, unbalance=installed, bow=self.bow, forces=self.forces
-        )
+    def vectors(self, unbalances: list[complex], speed: float, orders: tuple[float, ...]) -> np.ndarray:
+        """As the chain shows them, for every unbalance installed: gains, a turned reference, a late signal."""
+        m = self.machine
+        rotor = NonlinearRotor(m.mass, m.stiffness, m.damping, gravity=self.gravity, bow=self.bow, forces=self.forces)
         n = np.array(orders)
         shown = (
-            rotor.vectors(speed, orders, self.probes)
+            rotor.vectors_of([one + self.unbalance for one in unbalances], speed, orders, self.probes)
             * np.array(self.gains)[:, None]
             * np.exp(-1j * n * (self.offset + speed * self.delay))
         )
@@ -255,7 +253,7 @@ def _measured(rng: np.random.Generator, hidden: tuple[str, ...], handicap: str) 
     rotor = _Rotor(machine, float(amplitude), float(grade), rng, gravity)
     for name in hidden:
         rotor.hide(name)
-    clean = np.array([rotor.vectors(w, float(s), orders) for w in weights for s in speeds])
+    clean = np.concatenate(np.stack([rotor.vectors(weights, float(s), orders) for s in speeds], axis=1))
     sigma = float(amplitude * 10 ** rng.uniform(-3.3, -2.0))
     noisy = clean + sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
     noisy = np.where(np.array(orders) == 0.0, noisy.real + 0j, noisy)

@@ -121,9 +121,10 @@ def _of_what_is_left(found: Explanation) -> list[str]:
 
 
 def _small(found: Explanation) -> list[str]:
-    along = "; it is fitted along, so that it does not bias what was found" if found.story.beside else ""
+    along = "; it is fitted along, so that it does not bias what was found"
     return [
-        f"Detected, but too small to matter: {plain_name(small.effect)} ({small.why}{along})."
+        f"Detected, but too small to matter: {plain_name(small.effect)} "
+        f"({small.why}{along if small.effect in found.story.beside else ''})."
         for small in found.detected_but_small
     ]
 
@@ -172,10 +173,9 @@ def ranking_tables(found: Explanation) -> list[Table]:
     """What a further effect would bring, at every step."""
     tables = []
     for step, ranked in enumerate(found.rankings):
-        there = [
-            *found.effects[:step],
-            *(small.effect for small in found.detected_but_small if step == len(found.effects)),
-        ]
+        base = next(r.contender.effects for r in ranked if r.effect == "none")
+        last = found.detected_but_small if step == len(found.effects) else ()
+        there = [*found.effects[:step], *(small.effect for small in last if small.effect in base)]
         beside = f"beside {said(there)}" if there else "in the model as declared"
         rows = [[r.effect, percent(r.probability), number(found.chi2(r))] for r in _shown(ranked)]
         note = "" if step < len(found.effects) else _why_stopped(found, ranked)
