@@ -1,4 +1,4 @@
-"""`explain` as one case of many: a table and a rig file become a row."""
+"""`explain` as one case of many: a table and a rig file, or a rig file and its recordings, become a row."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from rotorjax.compilation import spare_memory_maps, use_double_precision
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import harmless
+from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import Rig, read_measurement, read_rig
 from rotorjax.discovery.explain import explain
 from rotorjax.discovery.explanation import Explanation
@@ -71,9 +72,10 @@ PERCENT = 0.01
 
 
 class Task(NamedTuple):
-    """One table and its rig file, and how they are explained."""
+    """One table and its rig file, or one rig file with recordings, and how they are explained."""
 
-    data: Path
+    data: Path | None
+    """None where vectors come from the recordings that the rig file names."""
     rig: Path | None
     """None where there is none."""
     report: Path | None = None
@@ -99,12 +101,13 @@ def explain_case(task: Task) -> dict[str, Any]:
 
 def _explained(task: Task) -> dict[str, Any]:
     if task.rig is None:
+        assert task.data is not None
         raise InputError(
             f"{task.data}: no rig file; neither {task.data.with_suffix('.toml').name} nor rig.toml is beside it: "
             "put one there, or give a list with the columns data,rig"
         )
     rig = read_rig(task.rig)
-    measurement = read_measurement(task.data, rig)
+    measurement = read_recordings(rig).measurement(rig) if task.data is None else read_measurement(task.data, rig)
     refuse_what_cannot_be_missing(task.only or (), rig, measurement)
     found = explain(
         rig.model,
@@ -115,7 +118,12 @@ def _explained(task: Task) -> dict[str, Any]:
         slips=task.slips,
     )
     if task.report:
-        _write_report(task.report, found, rig, f"{task.data.name}: what {task.rig.name} lacks")
+        _write_report(
+            task.report,
+            found,
+            rig,
+            f"{(task.data or task.rig).name}: what {'the model' if task.data is None else task.rig.name} lacks",
+        )
     told = [harmless(note) for note in measurement.notes]
     return {**row_of(found, rig), "notes": told, "report": _path(task.report)}
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from rotorjax.batch.case import Case
-from rotorjax.batch.explaining import COLUMNS
+from rotorjax.batch.explaining import COLUMNS, Task, explain_case
 from rotorjax.batch.overview import by_attention, overview
 from rotorjax.batch.pairs import pairs
 from rotorjax.batch.pool import Processes
@@ -25,6 +25,7 @@ from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
 from rotorjax.cli import main
 from rotorjax.cli.many import progress_text, report_paths
+from rotorjax.data.example import write_example
 from rotorjax.errors import InputError
 from rotorjax.reporting.tables import duration
 
@@ -243,6 +244,38 @@ def test_a_list_names_tables_and_rig_files(tmp_path: Path):
         path.write_text(text)
         with pytest.raises(InputError, match=problem):
             pairs(path)
+
+
+RECORDED = '[recordings."records/a.csv"]\nrun = "baseline"\n'
+
+
+def test_a_rig_file_with_recordings_is_a_case_of_its_own(tmp_path: Path):
+    files = {"plain/a.csv": "", "plain/a.toml": RECORDED, "other/rig.toml": RECORDED, "other/records/a.csv": "1,2\n"}
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = pairs(tmp_path)
+    assert [(p.name, p.data, p.rig) for p in found] == [
+        ("plain/a.csv", tmp_path / "plain/a.csv", tmp_path / "plain/a.toml"),
+        ("other/rig.toml", None, tmp_path / "other/rig.toml"),
+    ]
+    before = found[1].digest
+    (tmp_path / "other/records/a.csv").write_text("1,3\n")
+    assert found[1].digest != before
+
+
+def test_a_list_may_name_a_rig_file_with_recordings_alone(tmp_path: Path):
+    (tmp_path / "a.toml").write_text(RECORDED)
+    (tmp_path / "list.csv").write_text("data,rig\n,a.toml\n")
+    assert [(p.name, p.data, p.rig) for p in pairs(tmp_path / "list.csv")] == [("a.toml", None, tmp_path / "a.toml")]
+
+
+def test_recordings_are_explained_as_one_case_of_many(tmp_path: Path):
+    write_example(tmp_path, recordings=True)
+    row = explain_case(Task(None, tmp_path / "rig.toml", only=("residual_unbalance",), max_effects=1))
+    assert "failure" not in row
+    assert row["data"] is None
+    assert row["effects"] == ["residual_unbalance"]
 
 
 def test_reports_stay_in_their_folder_and_apart():
