@@ -13,7 +13,7 @@ from rotorjax.data.measurement import Measurement, aligned_half_orders, require_
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
 from rotorjax.discovery.contest import Contest, check_catalog, make_contest, misfit_left
-from rotorjax.discovery.explanation import Cost, Explanation, Verdict
+from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
@@ -24,6 +24,8 @@ from rotorjax.discovery.search import (
     Progress,
     Selection,
     Telling,
+    change_by,
+    noise_size,
     none_left,
     ranking,
     retold,
@@ -31,7 +33,6 @@ from rotorjax.discovery.search import (
 )
 from rotorjax.discovery.slips import Alternative, race_of_slips
 from rotorjax.discovery.slips import Race as SlipRace
-from rotorjax.discovery.small import small_effects
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, find_ties
 from rotorjax.effects import CATALOG
@@ -40,6 +41,7 @@ from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
+from rotorjax.units import MICROMETRE
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
@@ -188,7 +190,7 @@ def _answer(
         story=story,
         rankings=tuple(tuple(ranking(contest, step, min(step.contenders, key=len))) for step in selection.races),
         ties=ties,
-        detected_but_small=small_effects(contest, selection),
+        detected_but_small=_small(contest, selection),
         next_measurement=proposal,
         p_value=p,
         noise=noise,
@@ -325,3 +327,22 @@ def _nominal(last: Fit) -> float:
     """P-value by the chi-square distribution, where none was drawn."""
     freedom = np.count_nonzero(last.stage.measurement.weights(0.0)) - int(last.stage.free.sum())
     return float(chdtrc(freedom, freedom * last.reduced_chi2)) if last.reduced_chi2 is not None else 1.0
+
+
+def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
+    """What was detected and not added, each with the size of its part in the prediction."""
+    found, contender = [], selection.known[selection.present]
+    for name in selection.small:
+        change = change_by(contest, contender, name)
+        noise = noise_size(
+            contest.measurement, selection.races[-1].noise if contest.measurement.sigma is None else contest.floor
+        )
+        # Found small beside fewer effects, it need not be so in the end.
+        beside = "less than the noise of" if change <= noise else "against a noise of"
+        found.append(
+            Small(
+                name,
+                f"it changes the prediction by {change / MICROMETRE:.2g} µm rms, {beside} {noise / MICROMETRE:.2g} µm",
+            )
+        )
+    return tuple(found)

@@ -14,7 +14,8 @@ from rotorjax.data.measurement import is_half_order
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import Selection
+from rotorjax.discovery.search import PRICE, Selection
+from rotorjax.inference.covariance import NO_SCATTER
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import End
 from rotorjax.inference.influence import CLEAR, influenced
@@ -67,7 +68,8 @@ class Ties(NamedTuple):
         """What is more probable than the answer, as it may be where it was fitted only after the search; with ``most``
         effects at most.
         """
-        possible = [t.contender for t in self.tied if len(t.contender.effects) <= max(most, len(self.winner.effects))]
+        allowed = max(most, len(self.winner.effects))
+        possible = [t.contender for t in self.tied if t.instead_of and len(t.contender.effects) <= allowed]
         best = max([self.winner, *possible], key=contest.log_posterior)
         return None if best is self.winner else best
 
@@ -98,6 +100,10 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR
     ]
     leads = _leads_elsewhere(contest, noise, winner, others)
+    reading_by_reading = _tolerance_by_itself(contest, noise, winner)
+    if reading_by_reading is not None:
+        own = _evidence_under(contest, reading_by_reading, winner)
+        leads |= {c.effects for c in others if _evidence_under(contest, reading_by_reading, c) > own}
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
@@ -116,7 +122,45 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
             tied.append(alternative)
+    if reading_by_reading is not None:
+        tied += _within_tolerance(contest, selection, noise, reading_by_reading, winner)
     return Ties(_simplest(tied), tuple(contains), winner, found)
+
+
+def _tolerance_by_itself(contest: Contest, noise: Noise, winner: Contender) -> Data | None:
+    """The data with the tolerance of the model's form as noise of every vector by itself, not alike in all runs; none
+    where there is no tolerance.
+    """
+    if contest.measurement.knowledge.tolerance == 0.0 or noise.scatter != NO_SCATTER:
+        return None
+    data = contest.data(noise, winner.best.point)
+    return data._replace(common=data.common[..., :0])
+
+
+def _evidence_under(contest: Contest, data: Data, contender: Contender) -> float:
+    """Log evidence with other common errors, to first order about where it was fitted."""
+    ends = [influenced(data, end, contest.training) for end in contender.ends]
+    return contender_of(contest, contender.effects, ends, contender.noise).log_evidence
+
+
+def _within_tolerance(
+    contest: Contest, selection: Selection, noise: Noise, data: Data, winner: Contender
+) -> list[Alternative]:
+    """The further effect that would be detected first if the error of the model's form were not alike in all runs.
+    **Arguments:** ``data``: see `_tolerance_by_itself`.
+    """
+    race, answer = selection.races[-1], selection.present
+    added = [c for effects, c in race.contenders.items() if effects > answer and c.balanced and c.noise == race.noise]
+    if race.noise != noise or not added:
+        return []
+    own = _evidence_under(contest, data, winner)
+    gains = {c.effects: _evidence_under(contest, data, c) + contest.log_odds(c.effects - answer) - own for c in added}
+    best = max(added, key=lambda c: gains[c.effects])
+    if gains[best.effects] < PRICE:
+        return []
+    apart = _apart(contest, noise, winner.best, best.best)
+    names = tuple(sorted(best.effects - answer))
+    return [Alternative((), names, winner.log_evidence - best.log_evidence, best, apart)]
 
 
 def _special_cases(contest: Contest, winner: Contender) -> Known:

@@ -7,7 +7,7 @@ from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
 from rotorjax.reporting.missing_force import missing_force_lines
 from rotorjax.reporting.tables import number
-from rotorjax.reporting.wording import listed, percent, plain_name, said
+from rotorjax.reporting.wording import listed, opening, percent, plain_name, said
 from rotorjax.units import MICROMETRE
 
 SAID = 2
@@ -195,7 +195,20 @@ def left_line(found: Explanation) -> str:
 
 def tie_lines(found: Explanation) -> list[str]:
     """What these data cannot tell apart."""
-    return [f"These data cannot tell {said(names[0])} from {_others(names[1:])}." for names in found.tied_groups()]
+    return [
+        f"These data cannot tell {said(names[0])} from {_others(names[1:])}."
+        if names[0]
+        else _within_tolerance(names[1])
+        for names in found.tied_groups()
+    ]
+
+
+def _within_tolerance(names: list[str]) -> str:
+    verb = "is" if len(names) == 1 else "are"
+    return (
+        f"{opening(said(names))} {verb} there, or the model's form is off as much as its tolerance allows: these data "
+        "cannot tell."
+    )
 
 
 def _others(sets: list[list[str]]) -> str:

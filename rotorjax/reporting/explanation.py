@@ -60,7 +60,10 @@ def ties_table(found: Explanation) -> Table | None:
     if not found.ties.tied:
         return None
     tied = sorted(found.ties.tied, key=lambda t: t.instead_of)
-    rows = [[listed(t.instead_of), listed(t.effects), f"{t.gap:.1f}", number(t.apart, 2), _why_tied(t)] for t in tied]
+    rows = [
+        [listed(t.instead_of) or "nothing", listed(t.effects), f"{t.gap:.1f}", number(t.apart, 2), _why_tied(t)]
+        for t in tied
+    ]
     headers = ["in the place of", "would do as well", "log evidence behind", "predictions differ by", "remark"]
     note = (
         "Predictions differ, at the readings taken, by so many standard errors rms, with what the answer leaves "
@@ -71,8 +74,10 @@ def ties_table(found: Explanation) -> Table | None:
 
 
 def _why_tied(tied: Alternative) -> str:
+    if not tied.instead_of:
+        return "within the tolerance of the model's form"
     same = "differs elsewhere, not less" if tied.apart > ALIKE else "predicts the same within the error"
-    return same if tied.gap < TIE else f"{same}; leads where priors are three times as wide or as narrow"
+    return same if tied.gap < TIE else f"{same}; leads under wider or narrower priors, or without the tolerance"
 
 
 def notes(found: Explanation) -> list[str]:
@@ -86,7 +91,7 @@ def next_lines(found: Explanation) -> list[str]:
     """What to measure next, where something ties."""
     if found.next_measurement is not None:
         n = found.next_measurement
-        one, other = (said(names) for names in n.separates)
+        one, other = (said(names) or "nothing" for names in n.separates)
         probes = f", with {listed(n.new_probes)}, not read so far" if n.new_probes else ""
         return [
             f"Measure next: {n.run} at {n.speed_rpm:.0f} rpm{probes}; there {one} and {other} differ by "
@@ -121,10 +126,9 @@ def _of_what_is_left(found: Explanation) -> list[str]:
 
 
 def _small(found: Explanation) -> list[str]:
-    along = "; it is fitted along, so that it does not bias what was found"
+    along = "; it is fitted along, so that it does not bias what was found" if found.story.beside else ""
     return [
-        f"Detected, but too small to matter: {plain_name(small.effect)} "
-        f"({small.why}{along if small.effect in found.story.beside else ''})."
+        f"Detected, but too small to matter: {plain_name(small.effect)} ({small.why}{along})."
         for small in found.detected_but_small
     ]
 
@@ -173,9 +177,10 @@ def ranking_tables(found: Explanation) -> list[Table]:
     """What a further effect would bring, at every step."""
     tables = []
     for step, ranked in enumerate(found.rankings):
-        base = next(r.contender.effects for r in ranked if r.effect == "none")
-        last = found.detected_but_small if step == len(found.effects) else ()
-        there = [*found.effects[:step], *(small.effect for small in last if small.effect in base)]
+        there = [
+            *found.effects[:step],
+            *(small.effect for small in found.detected_but_small if step == len(found.effects)),
+        ]
         beside = f"beside {said(there)}" if there else "in the model as declared"
         rows = [[r.effect, percent(r.probability), number(found.chi2(r))] for r in _shown(ranked)]
         note = "" if step < len(found.effects) else _why_stopped(found, ranked)
