@@ -91,13 +91,13 @@ def _form_error(
 ) -> Float[np.ndarray, "case cell common"]:
     """The error of the model's form: at each order the vectors z of the probes become z + ε z.
 
-    The entries of the matrix ε(Ω) are complex Gaussian processes of the logarithm of the speed, the same in all runs,
-    with standard deviation ``tolerance`` of real and imaginary part and covariance 1 + exp(-½ (Δ ln Ω / `ALIKE`)²): a
-    rotor with more detail answers all runs alike by another response, which differs little from that of the model and
-    smoothly over speed (Kennedy, O'Hagan 2001, J. R. Stat. Soc. B 63:425-464: model discrepancy).
+    The entries of the matrix ε(Ω) are complex Gaussian processes of the logarithm of the speed, the same in all runs:
+    ``tolerance`` is the standard deviation of real and imaginary part, ½ + ½ exp(-½ (Δ ln Ω / `ALIKE`)²) their
+    correlation. A rotor with more detail answers all runs alike by another response, which differs little from that of
+    the model and smoothly over speed (Kennedy, O'Hagan 2001, J. R. Stat. Soc. B 63:425-464: model discrepancy).
     """
     apart = np.subtract.outer(np.log(measurement.speed_rpm), np.log(measurement.speed_rpm)) / ALIKE
-    kernel = measurement.knowledge.tolerance**2 * (1.0 + np.exp(-0.5 * apart**2))
+    kernel = 0.5 * measurement.knowledge.tolerance**2 * (1.0 + np.exp(-0.5 * apart**2))
     parts = []
     for order in range(weight.shape[2]):
         vectors = measurement.vectors[:, :, order]

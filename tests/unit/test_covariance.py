@@ -38,7 +38,7 @@ def test_the_form_error_is_a_smooth_matrix_times_the_vectors(model):
     weight, z = measured.weights(0.0), measured.vectors
     for a in range(8):
         for b in range(8):
-            alike = TOLERANCE**2 * (1.0 + math.exp(-0.5 * (math.log(RPM[a] / RPM[b]) / 0.1) ** 2))
+            alike = TOLERANCE**2 * (0.5 + 0.5 * math.exp(-0.5 * (math.log(RPM[a] / RPM[b]) / 0.1) ** 2))
             for order in (0, 1):
                 product = sum(z[a, q, order] * np.conj(z[b, q, order]) for q in (0, 1))
                 for p in (0, 1):
