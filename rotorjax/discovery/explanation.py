@@ -112,13 +112,14 @@ class Explanation(Reported):
 
     @property
     def more(self) -> tuple[Ranked, ...]:
-        """What would be added next, where it is less probable than not that nothing is missing any more: the effects
-        that together make it so, the most probable first; else nothing.
+        """What may be missing beside the answer, where that is not improbable enough: the most probable first; else
+        nothing.
         """
         last = self.rankings[-1]
         if none_left(last) >= PROBABLE:
             return ()
-        return tuple(r for r in last if r.effect != "none" and r.probability >= DETECTED)
+        first, *others = (r for r in last if r.effect != "none")
+        return (first, *(r for r in others if r.probability >= DETECTED))
 
     @property
     def restricted(self) -> bool:
