@@ -15,6 +15,9 @@ import jax
 import matplotlib
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
+
+from rotorjax.batch.pool import ONE_THREAD
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -28,6 +31,10 @@ def pytest_configure(config):
     """What one process compiles serves the others, those that tests start, and the next run."""
     folder = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.rootpath / ".pytest_cache" / "compiled"))
     jax.config.update("jax_compilation_cache_dir", folder)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        # One of several processes on this machine: threads of each would wait for those of the others.
+        os.environ.update(ONE_THREAD)
+        threadpool_limits(1)
 
 
 SERIES = ("crosscode", "measured", "paper", "recovery")

@@ -75,7 +75,7 @@ CAMPAIGN = pytest.mark.campaign
     ("mistake", "name"),
     [
         (lag, "phase_sign_reversed"),
-        (opposite, "trial_weight_opposite.trial-b"),
+        pytest.param(opposite, "trial_weight_opposite.trial-b", marks=CAMPAIGN),
         pytest.param(peak_to_peak, "amplitude_doubled", marks=CAMPAIGN),
         pytest.param(mil, "amplitude_unit", marks=CAMPAIGN),
         pytest.param(exchanged_cables, "probes_exchanged", marks=CAMPAIGN),
