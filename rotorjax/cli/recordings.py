@@ -25,11 +25,12 @@ def vectors(options: argparse.Namespace) -> None:
     rate = options.sample_rate
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--sample-rate {rate}: must be a number of samples per second, above zero")
+    from rotorjax.data.files import write_whole
     from rotorjax.data.record_vectors import read_recordings
     from rotorjax.data.rig import read_rig
     from rotorjax.data.simulate import orders_of
     from rotorjax.data.table import write_table
-    from rotorjax.reporting.recordings import recordings_text
+    from rotorjax.reporting.recordings import recordings_html, recordings_text
 
     orders = orders_of(options.orders) if options.orders else None
     with progress_line() as progress:
@@ -41,6 +42,9 @@ def vectors(options: argparse.Namespace) -> None:
     write_table(options.output, rows)
     say(recordings_text(records, width=terminal_width()))
     say(f"\n{len(rows)} vectors of {len(records.records)} recordings written to {options.output}")
+    if options.report:
+        write_whole(options.report, recordings_html(rig, records, title=f"Recordings of {options.rig.name}"))
+        say(f"Report: {options.report}")
 
 
 def table_or_recordings(options: argparse.Namespace) -> Path:

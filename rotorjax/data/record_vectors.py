@@ -54,6 +54,8 @@ class Record:
     steady: bool
     points: tuple[Point, ...]
     notes: tuple[str, ...]
+    found: Scan = dataclasses.field(repr=False, compare=False)
+    """The recording itself, to be read once more."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +176,7 @@ def _record(rig: Rig, recorded: Recorded, path: Path, rate: float | None, progre
     notes += _sweep_note(points, rotor)
     return Record(
         recorded.file, recorded.run, found.probes, orders, steady, tuple(points),
-        tuple(f"{recorded.file}: {note}" for note in notes),
+        tuple(f"{recorded.file}: {note}" for note in notes), found,
     )  # fmt: skip
 
 

@@ -63,6 +63,8 @@ class Race(NamedTuple):
     ranked: tuple[Alternative, ...]
     tried: bool = True
     """Whether changes of what is stated took part."""
+    cut_off: tuple[Slip, ...] = ()
+    """Those whose search was ended, as it took as long as that for the answer."""
 
     @property
     def best(self) -> Alternative:
@@ -137,7 +139,8 @@ def race_of_slips(
         progress("whether something was written down wrongly")
         least = _least(own, noise)
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
-    return _ranked(_with_near(own, _near(own, stated, screened, noise), noise, most, progress, share=share))
+    found, cut_off = _with_near(own, _near(own, stated, screened, noise), noise, most, progress, share=share)
+    return _ranked(found, cut_off)
 
 
 def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened, list[_Screened], list[_Screened]]:
@@ -200,10 +203,10 @@ def _without_what_is_stated(stated: _Screened, ahead: list[_Screened], most: int
     if first.misfit > 0.0:
         return None
     took = budget.spent - before
-    found = _with_near(first, _near(first, stated, further, NO_NOISE), NO_NOISE, most, progress)
+    found, cut_off = _with_near(first, _near(first, stated, further, NO_NOISE), NO_NOISE, most, progress)
     with budget.share(took):
         own = _alternative(None, select(stated.change.contest, most, progress=progress))
-    return _ranked([*found, own])
+    return _ranked([*found, own], cut_off)
 
 
 def _with_near(
@@ -214,25 +217,28 @@ def _with_near(
     progress: Progress,
     *,
     share: float | int = math.inf,
-) -> list[Alternative]:
-    """An answer, and changes searched, the nearest first, until the next is out of reach of what was found.
-    **Arguments:** ``share``: linearisations for each of them.
+) -> tuple[list[Alternative], tuple[Slip, ...]]:
+    """An answer, and changes searched, the nearest first, until the next is out of reach of what was found; and those
+    that were cut off. **Arguments:** ``share``: linearisations for each of them.
     """
-    found, holds = [first], first.misfit <= noise.allowance
+    found, cut_off, holds = [first], list[Slip](), first.misfit <= noise.allowance
     for one in near:
         budget = one.change.contest.budget
         if budget.exhausted or (holds and -one.cost < max(_least(other, noise) for other in found)):
             break
         with budget.share(share):
             other = _searched(one.change, most, progress)
+            if budget.exhausted and one.change.slip is not None:
+                cut_off.append(one.change.slip)
         # Of an unknown noise each alternative has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
             found.append(other)
-    return found
+    return found, tuple(cut_off)
 
 
-def _ranked(found: list[Alternative]) -> Race:
-    return Race(tuple(sorted(found, key=lambda one: -one.score)))
+def _ranked(found: list[Alternative], cut_off: tuple[Slip, ...]) -> Race:
+    ranked = tuple(sorted(found, key=lambda one: -one.score))
+    return Race(ranked, cut_off=tuple(slip for slip in cut_off if slip != ranked[0].slip))
 
 
 def _searched(change: _Change, most: int, progress: Progress) -> Alternative:

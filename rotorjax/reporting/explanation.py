@@ -83,7 +83,7 @@ def _why_tied(tied: Alternative) -> str:
 def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     contains = [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
-    left = [*_of_what_is_left(found), *_orders_lacking(found), *_small(found)]
+    left = [*_of_what_is_left(found), *_orders_lacking(found), *_small(found), *_cut_off(found)]
     return [*_same_bow(found), *contains, *next_lines(found), *left, *findings(found.story)]
 
 
@@ -131,6 +131,14 @@ def _small(found: Explanation) -> list[str]:
         f"Detected, but too small to matter: {plain_name(small.effect)} ({small.why}{along})."
         for small in found.detected_but_small
     ]
+
+
+def _cut_off(found: Explanation) -> list[str]:
+    """Mistakes in what was written down that were not searched to the end."""
+    if not found.written.cut_off:
+        return []
+    meant = listed([f"whether {slip.meaning}" for slip in found.written.cut_off])
+    return [f"Not searched to the end, as it took as long as the search for the answer: {meant}."]
 
 
 def _orders_lacking(found: Explanation) -> list[str]:

@@ -3,15 +3,29 @@
 import numpy as np
 
 from rotorjax.data.record_vectors import Record, Records
+from rotorjax.data.rig import Rig
+from rotorjax.reporting.page import Picture, rendered
+from rotorjax.reporting.pictures.recorded import recorded_pictures
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import MICROMETRE
 
 
 def recordings_text(records: Records, *, width: int | None = None) -> str:
     """One line for each recording: its run, speed, revolutions, and how certain its vectors are."""
+    return _table(records).text(width)
+
+
+def _table(records: Records) -> Table:
     rows = [_row(record) for record in records.records]
     heads = ["recording", "run", "rpm", "revolutions", "speeds", "orders", "largest µm", "std. error µm"]
-    return Table("Recordings", heads, rows, spare=["speeds", "orders"]).text(width)
+    return Table("Recordings", heads, rows, spare=["speeds", "orders"])
+
+
+def recordings_html(rig: Rig, records: Records, *, title: str) -> str:
+    """The table, the notes, and waveforms, orbits and spectra, as one HTML file that needs no network."""
+    pictures = Picture.every(recorded_pictures(rig, records))
+    content = {"title": title, "notes": records.all_notes, "table": _table(records), "pictures": pictures}
+    return rendered("recordings.html", content)
 
 
 def _row(record: Record) -> list[str]:

@@ -8,11 +8,13 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 from threadpoolctl import threadpool_limits
 
+from rotorjax.cli import main
 from rotorjax.data.pulses import Trigger, mended, pulse_times
 from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import read_rig
 from rotorjax.data.signals import vectors_from_waveform
 from rotorjax.errors import InputError
+from rotorjax.reporting.pictures.recorded import recorded_pictures
 
 from recorded import RATE, Made, Z, as_csv, made, pulse, rig_file
 
@@ -173,6 +175,30 @@ def test_a_fast_run_up_says_that_it_is_biased(rng, tmp_path):
     assert np.mean(np.abs(z - truth) < 2.45 * np.hypot(bias, noise)) > 0.9
     assert np.mean(np.abs(z - truth) < 2.45 * noise) < 0.7
     assert "looks like a split resonance" in found.notes[0]
+
+
+# Pictures
+
+
+def test_a_run_up_has_cascades_and_a_waterfall(rng, tmp_path):
+    rig = run_up(rng, tmp_path, seconds=6.0, low=1500.0, high=3000.0)
+    captions = [caption for caption, _ in recorded_pictures(rig, read_recordings(rig))]
+    assert captions == [
+        "baseline, probe X: spectra, each raised to its speed; dashed: orders.",
+        "baseline, probe Y: spectra, each raised to its speed; dashed: orders.",
+        "baseline (up.csv): spectra, each raised to its time; dashed: orders.",
+    ]
+
+
+def test_a_report_of_recordings_is_one_file(rng, tmp_path):
+    as_csv(made(rng), tmp_path / "a.csv")
+    rig = rig_file(tmp_path, "a.csv=baseline")
+    report = tmp_path / "report.html"
+    main(["vectors", str(rig), "--output", str(tmp_path / "v.csv"), "--report", str(report)])
+    html = report.read_text(encoding="utf-8")
+    assert html.count("<figure>") == 1
+    assert "orbit, x to the right and y up" in html
+    assert "http" not in html.replace("http-equiv", "")
 
 
 # Slow roll

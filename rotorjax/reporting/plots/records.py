@@ -1,10 +1,12 @@
 """Recordings: displacement over time and over the shaft angle."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from rotorjax.reporting.plots.canvas import COLOURS, with_room
+from rotorjax.reporting.plots.canvas import COLOURS, plain, with_room
 from rotorjax.units import MICROMETRE
 
 
@@ -13,10 +15,12 @@ def waveform(
     time: Float[np.ndarray, "sample"],
     displacement: Float[np.ndarray, "sample probe"],
     pulses: Float[np.ndarray, "_"],
+    *,
+    probes: Sequence[str] = ("X", "Y"),
 ) -> Axes:
     """Displacement of two probes over time, phase-reference pulses as vertical lines. In s and m."""
-    for k, name in enumerate("XY"):
-        axes.plot(1e3 * time, displacement[:, k] / MICROMETRE, "-", color=COLOURS[k], linewidth=1.0, label=name)
+    for k, name in enumerate(probes):
+        axes.plot(1e3 * time, displacement[:, k] / MICROMETRE, "-", color=COLOURS[k], linewidth=1.0, label=plain(name))
     shown = pulses[(pulses >= time[0]) & (pulses <= time[-1])]
     for k, pulse in enumerate(shown):
         axes.axvline(
