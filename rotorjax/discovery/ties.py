@@ -99,11 +99,8 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         for effects, c in found.items()
         if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR
     ]
-    leads = _leads_elsewhere(contest, noise, winner, others)
-    reading_by_reading = _tolerance_by_itself(contest, noise, winner)
-    if reading_by_reading is not None:
-        own = _evidence_under(contest, reading_by_reading, winner)
-        leads |= {c.effects for c in others if _evidence_under(contest, reading_by_reading, c) > own}
+    by_itself = _tolerance_by_itself(contest, noise, winner)
+    leads = _leads_elsewhere(contest, noise, winner, others) | _leads_under(contest, by_itself, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
@@ -122,8 +119,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
             tied.append(alternative)
-    if reading_by_reading is not None:
-        tied += _within_tolerance(contest, selection, noise, reading_by_reading, winner)
+    tied += _within_tolerance(contest, selection, noise, by_itself, winner)
     return Ties(_simplest(tied), tuple(contains), winner, found)
 
 
@@ -137,6 +133,14 @@ def _tolerance_by_itself(contest: Contest, noise: Noise, winner: Contender) -> D
     return data._replace(common=data.common[..., :0])
 
 
+def _leads_under(contest: Contest, data: Data | None, winner: Contender, others: list[Contender]) -> set[Effects]:
+    """Those of the others that lead the winner with other common errors, if there are any."""
+    if data is None:
+        return set()
+    own = _evidence_under(contest, data, winner)
+    return {c.effects for c in others if _evidence_under(contest, data, c) > own}
+
+
 def _evidence_under(contest: Contest, data: Data, contender: Contender) -> float:
     """Log evidence with other common errors, to first order about where it was fitted."""
     ends = [influenced(data, end, contest.training) for end in contender.ends]
@@ -144,14 +148,14 @@ def _evidence_under(contest: Contest, data: Data, contender: Contender) -> float
 
 
 def _within_tolerance(
-    contest: Contest, selection: Selection, noise: Noise, data: Data, winner: Contender
+    contest: Contest, selection: Selection, noise: Noise, data: Data | None, winner: Contender
 ) -> list[Alternative]:
     """The further effect that would be detected first if the error of the model's form were not alike in all runs.
     **Arguments:** ``data``: see `_tolerance_by_itself`.
     """
     race, answer = selection.races[-1], selection.present
     added = [c for effects, c in race.contenders.items() if effects > answer and c.balanced and c.noise == race.noise]
-    if race.noise != noise or not added:
+    if data is None or race.noise != noise or not added:
         return []
     own = _evidence_under(contest, data, winner)
     gains = {c.effects: _evidence_under(contest, data, c) + contest.log_odds(c.effects - answer) - own for c in added}
