@@ -83,7 +83,9 @@ LIKELY = 0.5
 
 
 def _undecided(found: Explanation) -> str:
-    others = ["others do as well"] if found.tied_groups() or found.named_force is not None else []
+    groups = found.tied_groups()
+    others = ["others do as well"] if any(first for first, *_ in groups) or found.named_force is not None else []
+    within = ["more may be missing within the tolerance of the model's form"] if not all(g[0] for g in groups) else []
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
     limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
     likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
@@ -94,7 +96,7 @@ def _undecided(found: Explanation) -> str:
     slip = [] if found.slip is None else [plain_name(found.slip.name)]
     named = [*slip, *([_with_open_sizes(found)] if found.effects else [])]
     what = listed(named) if named else "nothing that stands out so far"
-    return f"Undecided: {what}, but {listed([*others, *fails, *found.objections, *more, *limit])}."
+    return f"Undecided: {what}, but {listed([*others, *within, *fails, *found.objections, *more, *limit])}."
 
 
 def _unexplained(found: Explanation) -> str:

@@ -91,10 +91,11 @@ def next_lines(found: Explanation) -> list[str]:
     """What to measure next, where something ties."""
     if found.next_measurement is not None:
         n = found.next_measurement
-        one, other = (said(names) or "nothing" for names in n.separates)
+        one, other = (said(names) for names in n.separates)
+        differ = f"{one} and {other} differ by" if one else f"{other} would show by"
         probes = f", with {listed(n.new_probes)}, not read so far" if n.new_probes else ""
         return [
-            f"Measure next: {n.run} at {n.speed_rpm:.0f} rpm{probes}; there {one} and {other} differ by "
+            f"Measure next: {n.run} at {n.speed_rpm:.0f} rpm{probes}; there {differ} "
             f"{number(n.standardised_difference, 2)} standard errors."
         ]
     if not found.ties.tied:

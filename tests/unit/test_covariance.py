@@ -136,4 +136,5 @@ def test_what_the_tolerance_allows_for_is_said():
     assert found.verdict == "undecided"
     assert found.effects == ()
     assert found.tied_groups() == [[[], ["chain_gain"]]]
+    assert "more may be missing within the tolerance of the model's form" in sentence(found)
     assert "the model's form is off as much as its tolerance allows" in sentence(found)
