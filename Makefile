@@ -42,6 +42,7 @@ benchmark: $(VENV)/.tested
 	$(BIN)/python benchmarks/batch.py
 	$(BIN)/python benchmarks/waveforms.py --output benchmarks/results
 	$(BIN)/python benchmarks/hidden_forces.py --output benchmarks/results
+	$(BIN)/python benchmarks/evidence.py --output benchmarks/results
 	$(BIN)/python benchmarks/half_orders.py
 	$(BIN)/python benchmarks/contact.py
 	$(BIN)/python benchmarks/explanations.py --output benchmarks/results
