@@ -85,7 +85,7 @@ class Rig:
         """
         unknown = dict.fromkeys(row.run for row in table.rows if row.run not in self.runs)
         if problems := [*table.problems, *(self._missing_run(run, table, path) for run in unknown)]:
-            raise InputError(*problems)
+            raise InputError(*problems, *(f"note: {note}" for note in table.notes))
         rows = [self.convention.to_internal(row) for row in table.rows]
         found = arrange(rows, runs=self.runs, probes=self.model.layout.probes, knowledge=self.knowledge)
         return dataclasses.replace(found, notes=(*table.notes, *doubts(self.document, self.model, found)))

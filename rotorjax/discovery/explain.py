@@ -12,7 +12,7 @@ from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
-from rotorjax.discovery.contest import Contest, check_catalog, make_contest, misfit_left
+from rotorjax.discovery.contest import NONE_ODDS, Contest, check_catalog, make_contest, misfit_left
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
@@ -20,7 +20,6 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
 from rotorjax.discovery.search import (
-    PROBABLE,
     Progress,
     Selection,
     Telling,
@@ -318,7 +317,7 @@ def _verdict(
     if structure:
         return "unexplained"
     further = ranking(contest, selection.races[-1], selection.present)
-    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < PROBABLE:
+    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < NONE_ODDS:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
 

@@ -16,10 +16,6 @@ from rotorjax.inference.prediction import predict
 
 DETECTED = 0.05
 """Probability of "none" below which an effect counts as detected."""
-PROBABLE = 0.75
-"""Probability that nothing further is missing from which on an answer is not doubted: odds of three to one (positive
-evidence: Kass, Raftery 1995, J. Am. Stat. Assoc. 90:773-795).
-"""
 PRICE = math.log((1.0 - DETECTED) / DETECTED)
 """The same in log odds."""
 PAIRED = 8

@@ -78,10 +78,6 @@ def _nothing(found: Explanation) -> str:
     return "Nothing is missing that these data could show."
 
 
-LIKELY = 0.5
-"""Probability that nothing further is missing below which something is called probable."""
-
-
 def _undecided(found: Explanation) -> str:
     groups = found.tied_groups()
     others = ["others do as well"] if any(first for first, *_ in groups) or found.named_force is not None else []
@@ -89,10 +85,7 @@ def _undecided(found: Explanation) -> str:
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
     limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
     likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
-    likely_more = none_left(found.rankings[-1]) < LIKELY
-    more = (
-        [f"something more {'is probable' if likely_more else 'may be missing'}, such as {likely}"] if found.more else []
-    )
+    more = [f"something more is probable, such as {likely}"] if found.more else []
     slip = [] if found.slip is None else [plain_name(found.slip.name)]
     named = [*slip, *([_with_open_sizes(found)] if found.effects else [])]
     what = listed(named) if named else "nothing that stands out so far"

@@ -343,7 +343,7 @@ def test_recordings_are_read_from_where_they_are_stored(tmp_path):
         "table": None,
         "recordings": {name: str(upload.path) for name, upload in given.recordings.items()},
     }
-    _, measurement, _ = worker._read(job, told.append)
+    _, measurement = worker._read(job, told.append)
     directly = read_recordings(read_rig(demo / "rig.toml"), [demo / "recordings" / name for name in named])
     np.testing.assert_allclose(measurement.vectors, directly.measurement(read_rig(demo / "rig.toml")).vectors)
     assert len(told) == 2
