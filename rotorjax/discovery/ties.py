@@ -15,7 +15,7 @@ from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import PRICE, Selection
-from rotorjax.inference.covariance import NO_SCATTER
+from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import End
 from rotorjax.inference.influence import CLEAR, influenced
@@ -127,10 +127,10 @@ def _tolerance_by_itself(contest: Contest, noise: Noise, winner: Contender) -> D
     """The data with the tolerance of the model's form as noise of every vector by itself, not alike in all runs; none
     where there is no tolerance.
     """
-    if contest.measurement.knowledge.tolerance == 0.0 or noise.scatter != NO_SCATTER:
+    if contest.measurement.knowledge.tolerance == 0.0:
         return None
-    data = contest.data(noise, winner.best.point)
-    return data._replace(common=data.common[..., :0])
+    common = common_errors(contest.measurement, contest.model_at(winner), noise, form=False)
+    return contest.data(noise, winner.best.point)._replace(common=common)
 
 
 def _leads_under(contest: Contest, data: Data | None, winner: Contender, others: list[Contender]) -> set[Effects]:

@@ -48,11 +48,13 @@ class Noise(NamedTuple):
 NO_SCATTER, NO_NOISE = RunScatter(), Noise()
 
 
-def common_errors(measurement: Measurement, model: Model, noise: Noise) -> Float[np.ndarray, "case cell common"]:
+def common_errors(
+    measurement: Measurement, model: Model, noise: Noise, *, form: bool = True
+) -> Float[np.ndarray, "case cell common"]:
     """What one unit of every common error does to the vectors, in standard errors.
 
     **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to add to the
-    table's.
+    table's; ``form``: with the error of the model's form.
     """
     weight = measurement.weights(noise.allowance)
     cells = weight.reshape(len(weight), -1)
@@ -64,7 +66,7 @@ def common_errors(measurement: Measurement, model: Model, noise: Noise) -> Float
         own = cells[..., None] * np.einsum("cmd,cdl->cml", slopes, factor[measurement.run])
         by_run[np.arange(len(cells)), :, measurement.run] = own
         parts.append(by_run.reshape(*cells.shape, -1))
-    if measurement.knowledge.tolerance > 0.0:
+    if form and measurement.knowledge.tolerance > 0.0:
         parts.append(_form_error(measurement, weight))
     common = np.concatenate(parts, axis=-1)
     return common[..., np.any(common != 0.0, axis=(0, 1))]

@@ -52,6 +52,14 @@ def test_without_tolerance_and_scatter_nothing_is_in_common(model):
     assert common_errors(measurement(np.random.default_rng(0), tolerance=0.0), model, NO_NOISE).shape == (8, 8, 0)
 
 
+def test_without_the_error_of_the_form_scatter_is_left(model):
+    rng, noise = np.random.default_rng(2), Noise(0.0, RunScatter(1e-6, 0.0))
+    measured = measurement(rng)
+    left = common_errors(measured, model, noise, form=False)
+    assert left.shape == (8, 8, 4)
+    np.testing.assert_array_equal(left, common_errors(measured, model, noise)[..., :4])
+
+
 def test_squares_and_whitened_residual_agree_with_the_covariance_written_out(model):
     rng = np.random.default_rng(1)
     measured, noise = measurement(rng), Noise(1e-7, RunScatter(2e-6, 1e-7))
