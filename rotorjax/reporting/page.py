@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 import jinja2
@@ -70,6 +69,7 @@ def html_report(page: Page) -> str:
 def rendered(template: str, content: Mapping[str, Any]) -> str:
     """A page from one of the templates. All text is escaped, control characters are written out."""
     environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("rotorjax", "reporting/templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -78,5 +78,4 @@ def rendered(template: str, content: Mapping[str, Any]) -> str:
     )
     environment.tests["numeric"] = is_number
     environment.filters["plain"] = plain_name
-    source = files("rotorjax").joinpath(f"reporting/templates/{template}").read_text(encoding="utf-8")
-    return environment.from_string(source).render(content)
+    return environment.get_template(template).render(content)
