@@ -30,6 +30,7 @@ def answer(found: Explanation) -> dict[str, Any]:
         + [sorted(other.named) for other in found.written.tied],
         "contains": [sorted(names) for names in _alternatives(found, found.ties.contains)],
         "small": [small.effect for small in found.detected_but_small],
+        "small_ties": found.ties.small_groups(),
         "more": [ranked.effect for ranked in found.more],
         "objections": list(found.objections),
         "confirmed": found.confirmed,

@@ -50,6 +50,14 @@ def small(row: Row) -> frozenset[str]:
     return frozenset(row.get("small", ()))
 
 
+def small_or_tied(row: Row) -> list[frozenset[str]]:
+    """The same, and what is said to do as well in the place of parts of it: all choices."""
+    chosen = [small(row)]
+    for part, *others in row.get("small_ties", ()):
+        chosen += [known - set(part) | set(other) for known in chosen if known >= set(part) for other in others]
+    return chosen
+
+
 def improvements(row: Row) -> dict[str, float]:
     """What each thing hidden brings in chi-square."""
     return {**row["improvements"], **({row["mistake"]: row["mistake_improvement"]} if row["mistake"] else {})}
@@ -72,14 +80,13 @@ def stands_out(row: Row) -> bool:
     return weakest(row) > 2 * row["cells"]
 
 
-def _fits(row: Row, names: frozenset[str]) -> bool:
-    told = names | small(row)
-    return row["outside"] is None and needed(row) <= told <= true(row)
+def _fits(row: Row, names: frozenset[str], slight: frozenset[str]) -> bool:
+    return row["outside"] is None and needed(row) <= names | slight <= true(row)
 
 
 def is_right(row: Row) -> bool:
     """Whether the answer is right, whatever the verdict."""
-    return _fits(row, named(row))
+    return _fits(row, named(row), small(row))
 
 
 def is_named(row: Row) -> bool:
@@ -89,7 +96,8 @@ def is_named(row: Row) -> bool:
 
 def is_right_or_tied(row: Row) -> bool:
     """The same, or what is said to tie with it."""
-    return any(_fits(row, names) for names in [named(row), *map(frozenset, row["ties"])])
+    named_or_tied = [named(row), *map(frozenset, row["ties"])]
+    return any(_fits(row, names, slight) for names in named_or_tied for slight in small_or_tied(row))
 
 
 def is_confident_wrong(row: Row) -> bool:
@@ -116,8 +124,8 @@ def is_contained(row: Row) -> bool:
 
 
 def is_small_misnamed(row: Row) -> bool:
-    """Whether what is said to be too small to matter is not hidden."""
-    return row["verdict"] in CONFIDENT and not small(row) <= true(row)
+    """Whether what is said to be too small to matter is not hidden, nor anything that is said to do as well."""
+    return row["verdict"] in CONFIDENT and not any(slight <= true(row) for slight in small_or_tied(row))
 
 
 def judged(row: Row) -> str:
@@ -302,7 +310,7 @@ def with_set(rows: Sequence[Row]) -> list[Row]:
 
 
 def _in_set(row: Row) -> bool:
-    return any(_fits(row, names) for names in map(frozenset, row["set95"]))
+    return any(_fits(row, names, small(row)) for names in map(frozenset, row["set95"]))
 
 
 def mean_set(rows: Sequence[Row]) -> float | None:

@@ -287,18 +287,19 @@ def _with_ties(
     noise = Noise(misfit_left(contest, selection.known[selection.present]), contest.floor.scatter)
     if contest.budget.exhausted:
         stages.untried.append("what else would do as well")
-        return selection, Ties((), (), selection.known[selection.present], {}), noise
+        return selection, Ties((), (), (), selection.known[selection.present], {}), noise
     stages.progress("what else would do as well")
     ties = find_ties(contest, selection, noise, catalog)
     if contest.budget.exhausted:
         # What was linearised once only says nothing.
         stages.untried.append("part of what else would do as well")
-        return selection, ties._replace(tied=(), contains=()), noise
+        return selection, ties._replace(tied=(), of_small=(), contains=()), noise
     for _ in range(MOST_LEADERS):
         better = ties.better(contest, selection.most)
         if better is None:
             break
-        selection = retold(selection, better.effects, {t.contender.effects: t.contender for t in ties.tied})
+        others = [t.contender for t in (*ties.tied, *ties.of_small)]
+        selection = retold(selection, better.effects, {c.effects: c for c in others})
         noise = Noise(misfit_left(contest, better), contest.floor.scatter)
         ties = find_ties(contest, selection, noise, catalog)
     return selection, ties, noise

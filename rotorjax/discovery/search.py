@@ -268,7 +268,9 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
 
 def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
-    small = frozenset(selection.small) & present
+    before, answer = selection.contest, found[present]
+    added = present - set(selection.effects)
+    small = frozenset(name for name in added if not matters(before, answer, name, answer.noise))
     seen = {min(race.contenders, key=len): race for race in selection.races}
     return _told(
         selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen, frozenset(found)

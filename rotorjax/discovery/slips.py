@@ -111,8 +111,8 @@ def race_of_slips(
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
     **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most; ``always``: also where what is stated
-    leads to an answer that holds without an effect of the measuring chain. **Returns** what is stated alone where
-    nothing comes near it.
+    leads to an answer that holds without an effect of the measuring chain: with such an answer only changes are
+    searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
     """
     measurement = contest.measurement
     every = slips(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
@@ -130,7 +130,8 @@ def race_of_slips(
                 return race
     before = budget.spent
     own = _alternative(None, select(contest, most, progress=progress))
-    if budget.exhausted or not (always or screened or _misses(own) or _of_reading(own)):
+    doubtful = always or _misses(own) or _of_reading(own)
+    if budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
     share = math.inf if _misses(own) else budget.spent - before
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
@@ -139,7 +140,8 @@ def race_of_slips(
         progress("whether something was written down wrongly")
         least = _least(own, noise)
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
-    found, cut_off = _with_near(own, _near(own, stated, screened, noise), noise, most, progress, share=share)
+    near = _near(own, stated, screened, noise, beside_forces=doubtful)
+    found, cut_off = _with_near(own, near, noise, most, progress, share=share)
     return _ranked(found, cut_off)
 
 
@@ -247,13 +249,15 @@ def _searched(change: _Change, most: int, progress: Progress) -> Alternative:
     return _alternative(change.slip, select(change.contest, most), change.log_odds)
 
 
-def _near(own: Alternative, stated: _Screened, screened: list[_Screened], noise: Noise) -> list[_Screened]:
+def _near(
+    own: Alternative, stated: _Screened, screened: list[_Screened], noise: Noise, *, beside_forces: bool = True
+) -> list[_Screened]:
     """Changes that may do as well as the answer. If that holds within the noise: those with which all linear effects,
     and its forces that depend on motion, cost no more than it does with its prior; nothing else need be beside them.
-    Else those that leave far less than what is stated.
+    Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count.
     """
     contest = own.selection.contest
-    timed = own.selection.present & contest.timed
+    timed = own.selection.present & contest.timed if beside_forces else frozenset()
     if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:
         likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost]
         if timed:

@@ -51,6 +51,8 @@ class Ties(NamedTuple):
     """What the data leave open."""
 
     tied: tuple[Alternative, ...]
+    of_small: tuple[Alternative, ...]
+    """The same in the place of what was detected without mattering."""
     contains: tuple[Alternative, ...]
     """Sets that do what the answer does with more determined parameters, which are not needed."""
     winner: Contender
@@ -59,19 +61,28 @@ class Ties(NamedTuple):
 
     def groups(self) -> list[list[list[str]]]:
         """For every part of the answer that is open: itself, then what ties with it."""
-        groups: dict[tuple[str, ...], list[list[str]]] = {}
-        for other in self.tied:
-            groups.setdefault(other.instead_of, [list(other.instead_of)]).append(list(other.effects))
-        return list(groups.values())
+        return _by_part(self.tied)
+
+    def small_groups(self) -> list[list[list[str]]]:
+        """The same of what was detected without mattering."""
+        return _by_part(self.of_small)
 
     def better(self, contest: Contest, most: int) -> Contender | None:
         """What is more probable than the answer, as it may be where it was fitted only after the search; with ``most``
         effects at most.
         """
         allowed = max(most, len(self.winner.effects))
-        possible = [t.contender for t in self.tied if t.instead_of and len(t.contender.effects) <= allowed]
+        others = [*self.tied, *self.of_small]
+        possible = [t.contender for t in others if t.instead_of and len(t.contender.effects) <= allowed]
         best = max([self.winner, *possible], key=contest.log_posterior)
         return None if best is self.winner else best
+
+
+def _by_part(tied: tuple[Alternative, ...]) -> list[list[list[str]]]:
+    groups: dict[tuple[str, ...], list[list[str]]] = {}
+    for other in tied:
+        groups.setdefault(other.instead_of, [list(other.instead_of)]).append(list(other.effects))
+    return list(groups.values())
 
 
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
@@ -87,7 +98,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     winner = found[answer]
     swaps = {
         gone: [answer - {gone} | {name} for name in contest.candidates if name not in answer]
-        for gone in selection.effects
+        for gone in (*selection.effects, *selection.small)
     }
     _fit_where_open(contest, selection, noise, list(itertools.chain(*swaps.values())), found, winner)
     special = _special_cases(contest, winner)
@@ -120,7 +131,9 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
             tied.append(alternative)
     tied += _within_tolerance(contest, selection, noise, by_itself, winner)
-    return Ties(_simplest(tied), tuple(contains), winner, found)
+    every, small = _simplest(tied), frozenset(selection.small)
+    of_small = tuple(t for t in every if t.instead_of and small >= set(t.instead_of))
+    return Ties(tuple(t for t in every if t not in of_small), of_small, tuple(contains), winner, found)
 
 
 def _tolerance_by_itself(contest: Contest, noise: Noise, winner: Contender) -> Data | None:
@@ -229,7 +242,7 @@ def _wider(
         names = {next(iter(effects - answer)) for effects in best} | set(catalog[gone].relatives)
         usable = [name for name in sorted(names) if name in contest.candidates and name not in answer]
         wider += [answer - {gone} | set(pair) for pair in itertools.combinations(usable, 2)]
-    for gone in itertools.combinations(selection.effects, 2):
+    for gone in itertools.combinations(swaps, 2):
         wider += [answer - set(gone) | {name} for name in contest.candidates if name not in answer]
     return wider
 

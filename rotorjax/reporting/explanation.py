@@ -128,9 +128,13 @@ def _of_what_is_left(found: Explanation) -> list[str]:
 
 def _small(found: Explanation) -> list[str]:
     along = "; it is fitted along, so that it does not bias what was found" if found.story.beside else ""
-    return [
+    lines = [
         f"Detected, but too small to matter: {plain_name(small.effect)} ({small.why}{along})."
         for small in found.detected_but_small
+    ]
+    return lines + [
+        f"In the place of {said(part)}, {' or '.join(map(said, others))} would do as well."
+        for part, *others in found.ties.small_groups()
     ]
 
 

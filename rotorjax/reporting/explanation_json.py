@@ -50,6 +50,7 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         ],
         "contains": [[list(t.instead_of), list(t.effects)] for t in found.ties.contains],
         "detected_but_small": [small._asdict() for small in found.detected_but_small],
+        "small_ties": found.ties.small_groups(),
         "where": view_json(story.declared, story.declared.reduced_chi2)["where"],
         "next_measurement": _next_measurement_json(found.next_measurement),
         "noise": "given" if found.contest.measurement.noise == "given" else "inferred",

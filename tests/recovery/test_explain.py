@@ -242,10 +242,10 @@ def test_no_effect_beyond_those_allowed():
         explain(model, measurement, only=("magic",))
 
 
-def many_readings(present: dict[str, list[float]]):
+def many_readings(present: dict[str, list[float]], *, lowest: float = 60.0):
     """A plan of forty speeds per run: a runout of less than the noise of one reading shows in many."""
     model, measurement, _ = hidden.sufficient(effects.Runout, seed=4, factor=0.02)
-    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.linspace(60.0, 500.0, 40)), sigma=0.0)
+    plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.linspace(lowest, 500.0, 40)), sigma=0.0)
     clean = hidden.measure(hidden.Machine(), plan, present, np.random.default_rng(0))
     noise = 0.01e-6 * np.random.default_rng(0).standard_normal((*clean.shape, 2))
     run = np.repeat(np.arange(len(plan.weights)), len(plan.speeds))
@@ -280,6 +280,19 @@ def test_what_is_below_the_noise_is_fitted_along():
     for estimate, true in zip(last.estimates, [3e-7, -2e-7, *RUNOUT], strict=True):
         assert abs(estimate.value - true) < 4.0 * estimate.standard_error, estimate.entry.key
     assert step_labels(found.story)[-1] == "+ residual_unbalance (with runout)"
+
+
+def test_what_would_do_as_well_in_the_place_of_something_small_is_named():
+    """Over a narrow range of speeds a delay turns phases as an offset of their reference does; that is said, and does
+    not make the verdict doubtful.
+    """
+    data = many_readings({"phase_reference_offset": [8e-5]}, lowest=495.0)
+    found = explain(*data, only=["phase_reference_offset", "time_delay", "mass_error"], thorough=False)
+    assert (found.verdict, found.effects, found.tied_groups()) == ("nothing missing", (), [])
+    (group,) = found.ties.small_groups()
+    assert sorted(group) == [["phase_reference_offset"], ["time_delay"]]
+    assert explanation_json(found)["small_ties"] == [group]
+    assert any(line.startswith("In the place of ") and line.endswith(" would do as well.") for line in notes(found))
 
 
 def half_order_data(signs: np.ndarray, *, size: float = 30e-6):

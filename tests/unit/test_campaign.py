@@ -89,6 +89,8 @@ def test_a_mistake_is_one_that_the_answers_know(tmp_path):
         ({"named": [], "verdict": "nothing missing"}, "WRONG"),
         ({"named": [], "verdict": "nothing missing", "small": ["duffing"]}, "right"),
         ({"named": [], "verdict": "nothing missing", "small": ["rub"]}, "small by another name"),
+        ({"named": [], "verdict": "nothing missing", "small": ["rub"], "small_ties": [[["rub"], ["duffing"]]]},
+         "among what ties"),
         ({"named": [], "verdict": "nothing missing", "improvements": {"duffing": 20.0}}, "right"),
         ({"named": ["rub"], "contains": [["duffing"]]}, "in other words"),
         ({"named": ["duffing", "rub"]}, "WRONG"),
