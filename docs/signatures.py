@@ -37,6 +37,7 @@ DRAWN: dict[str, Sizes] = {
     "thermal_bow": Sizes((0.3, 1.0)),
     "misalignment": Sizes((0.3, 1.0), _TWICE),
     "plane_participation": Sizes((2.0, 5.0)),
+    "sweep_rate": Sizes((0.3, 2.0)),
     "stiffness_error": Sizes((1.0, -1.0)),
     "mass_error": Sizes((1.0, -1.0)),
     "damping_error": Sizes((1.0, -1.0)),

@@ -26,6 +26,7 @@ _UNITS: tuple[tuple[str, tuple[str, str, float]], ...] = (
     ("_n_per_m", ("N/m", "N/m", 1.0)),
     ("_m_per_n", ("m/N", "µm/N", 1e-6)),
     ("_per_m", ("1/m", "1/mm", 1e3)),
+    ("_rad_per_s2", ("rad/s²", "rpm/s", RPM)),
     ("_kg_m", ("kg m", "g mm", GRAM_MILLIMETRE)),
     ("_kg", ("kg", "g", 1e-3)),
     ("_rad", ("rad", "deg", DEGREE)),

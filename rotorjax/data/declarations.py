@@ -311,7 +311,7 @@ def _with_gravity(model: Model, factor: np.ndarray) -> Model:
 
 
 def _installed(m: Measurement, unbalance: np.ndarray, bow: np.ndarray) -> Measurement:
-    there = Conditions(m.conditions.speed, as_array(unbalance), as_array(bow))
+    there = Conditions(m.conditions.speed, as_array(unbalance), as_array(bow), m.conditions.sweep)
     return dataclasses.replace(m, conditions=there)
 
 

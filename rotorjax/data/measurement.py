@@ -41,6 +41,8 @@ class Row(NamedTuple):
     phase_deg: float
     sigma_um: float | None = None
     repeat: str = ""
+    sweep_rpm_per_s: float = 0.0
+    """Rate at which the speed changed."""
 
 
 class Uncertain(NamedTuple):
@@ -264,15 +266,18 @@ def arrange(
         cases.setdefault((row.run, row.speed_rpm, row.repeat), len(cases))
     shape = (len(cases), len(probes), len(orders))
     vectors, present, sigma = np.zeros(shape, complex), np.zeros(shape, bool), np.full(shape, np.nan)
+    sweep = np.zeros(len(cases))
     for row in rows:
         cell = cases[row.run, row.speed_rpm, row.repeat], probes.index(row.probe), orders.index(row.order)
         vectors[cell] = MICROMETRE * row.amplitude_um * np.exp(1j * DEGREE * row.phase_deg)
         present[cell] = True
         sigma[cell] = np.nan if row.sigma_um is None else MICROMETRE * row.sigma_um
+        sweep[cell[0]] = row.sweep_rpm_per_s
     conditions = Conditions.at_rpm(
         [speed for _, speed, _ in cases],
         unbalance=np.stack([runs[run].unbalance for run, _, _ in cases]),
         bow=np.stack([runs[run].bow for run, _, _ in cases]),
+        sweep_rpm_per_s=sweep if np.any(sweep) else None,
     )
     given = not np.isnan(sigma[present]).any()
     index = np.array([used.index(run) for run, _, _ in cases])

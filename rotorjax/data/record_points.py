@@ -24,6 +24,14 @@ MANY_TURNS = 10
 """Revolutions from which a half order can be told from the drift and from 1X with an error of its own."""
 NOTABLE = 2.0
 """Standard errors from which a change of speed is believed."""
+PARTS, FEWEST_POINTS = 4, 8
+"""Parts of a run-up whose rates are compared, and vectors that this takes."""
+SAME_RATE = 0.1
+"""Relative difference of their rates up to which a run-up has one."""
+LEFT = 0.2
+"""Share of the shift by the sweep that is left where the model takes the rate into account: the vectors of simulated
+run-ups through two resonances at 60 to 300 rpm/s lie within 95 % limits in 91 to 98 % then.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,6 +173,16 @@ def _sweep(marks: Float[np.ndarray, "_"]) -> float:
     error = np.sqrt(left @ left / (count - 3) * np.linalg.inv(design.T @ design)[0, 0])
     rate = max(abs(solution[0]) - NOTABLE * error, 0.0) * np.sign(solution[0])
     return float(2.0 * rate / half**2)
+
+
+def rate_of(points: list[Point]) -> float | None:
+    """The rate of a run-up [rad/s²] if it has one; else none."""
+    if len(points) < FEWEST_POINTS:
+        return None
+    time, speed = (np.array(values) for values in zip(*((p.instant, p.speed_rpm * RPM) for p in points), strict=True))
+    rates = [np.polyfit(time[part], speed[part], 1)[0] for part in np.array_split(np.arange(len(time)), PARTS)]
+    whole = float(np.polyfit(time, speed, 1)[0])
+    return whole if np.all(np.abs(np.array(rates) - whole) <= SAME_RATE * abs(whole)) else None
 
 
 def together(points: list[Point]) -> Point:

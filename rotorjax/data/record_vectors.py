@@ -10,11 +10,13 @@ from threadpoolctl import threadpool_limits
 from rotorjax.data.measurement import CLUSTER_WIDTH, Measurement, Row, is_half_order
 from rotorjax.data.pulses import TURN
 from rotorjax.data.record_points import (
+    LEFT,
     Point,
     bend,
     blocks,
     is_steady,
     point,
+    rate_of,
     ringing,
     steady_plan,
     sweep_plan,
@@ -56,6 +58,8 @@ class Record:
     notes: tuple[str, ...]
     found: Scan = dataclasses.field(repr=False, compare=False)
     """The recording itself, to be read once more."""
+    rate: float | None = None
+    """At which its speed changes, where it does so steadily [rad/s²]: models then take it into account."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Records:
 
     def rows(self) -> list[Row]:
         """Vectors as rows: amplitude zero-to-peak, phase leading; equal speeds of a run are told apart by ``repeat``.
-        The standard error holds the shift by the sweep.
+        The standard error holds the shift by a sweep of which the rate cannot be stated.
         """
         rows, seen = [], dict[tuple[str, float], int]()
         for record in self.records:
@@ -81,7 +85,9 @@ class Records:
                 count = seen[record.run, speed] = seen.get((record.run, speed), 0) + 1
                 for p, probe in enumerate(record.probes):
                     rows += [
-                        _row(each, record.run, probe, (p, n), (speed, order), str(count) if count > 1 else "")
+                        _row(each, record.run, probe, (p, n), (speed, order), str(count) if count > 1 else "")._replace(
+                            sweep_rpm_per_s=float(f"{(record.rate or 0.0) / RPM:.6g}")
+                        )
                         for n, order in enumerate(record.orders)
                     ]
         return rows
@@ -172,11 +178,13 @@ def _record(rig: Rig, recorded: Recorded, path: Path, rate: float | None, progre
         points = [together(points)]
     else:
         points = ringing(points, rotor)
-    points = [wanted(each, orders) for each in points]
-    notes += _sweep_note(points, rotor)
+    points, rate = [wanted(each, orders) for each in points], None if steady else rate_of(points)
+    notes += _sweep_note(points, rotor, rate)
+    if rate is not None:
+        points = [dataclasses.replace(each, bias=LEFT * each.bias) for each in points]
     return Record(
         recorded.file, recorded.run, found.probes, orders, steady, tuple(points),
-        tuple(f"{recorded.file}: {note}" for note in notes), found,
+        tuple(f"{recorded.file}: {note}" for note in notes), found, rate,
     )  # fmt: skip
 
 
@@ -231,8 +239,8 @@ def _twice_per_turn(points: list[Point]) -> list[str]:
     ]
 
 
-def _sweep_note(points: list[Point], rotor: Jeffcott) -> list[str]:
-    """By how much the sweep shifts vectors, where that is more than their error."""
+def _sweep_note(points: list[Point], rotor: Jeffcott, rate: float | None) -> list[str]:
+    """By how much the sweep shifts vectors, where that is more than their error, and whether models know of it."""
     seen = [each for each in points if np.any(each.bias > each.sigma)]
     if not seen:
         return []
@@ -241,12 +249,20 @@ def _sweep_note(points: list[Point], rotor: Jeffcott) -> list[str]:
         return float(np.max(np.where(each.bias > each.sigma, each.bias / np.abs(each.vectors), 0.0)))
 
     worst = max(seen, key=share)
+    shifts = (
+        f"shifts vectors there by some {share(worst):.0%} from those of a steady speed; {len(seen)} of {len(points)} "
+        "speeds have more of it than noise"
+    )
+    if rate is not None:
+        return [
+            f"the speed changes by {rate / RPM:.3g} rpm/s, which near {worst.speed_rpm:.4g} rpm {shifts}. The model "
+            "takes it into account (sweep_rpm_per_s)"
+        ]
     slow = 2.0 * ALLOWED_BIAS / bend(rotor, worst.speed_rpm * RPM) / RPM
     fast = "; so fast a sweep leaves free vibration that beats with 1X and looks like a split resonance"
     return [
-        f"the speed changes by {abs(worst.sweep) / RPM:.3g} rpm/s near {worst.speed_rpm:.4g} rpm, which shifts vectors "
-        f"there by some {share(worst):.0%} from those of a steady speed; {len(seen)} of {len(points)} speeds have more "
-        f"of it than noise. It is counted in sigma_um; for {ALLOWED_BIAS:.0%} sweep at {slow:.2g} rpm/s"
+        f"the speed changes by {abs(worst.sweep) / RPM:.3g} rpm/s near {worst.speed_rpm:.4g} rpm, which {shifts}. As "
+        f"its rate does not stay the same, it is counted in sigma_um; for {ALLOWED_BIAS:.0%} sweep at {slow:.2g} rpm/s"
         f"{fast if share(worst) > TOO_FAST else ''}"
     ]
 

@@ -20,6 +20,9 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
         "alignment error", "coupling lock-up",
     ),
     "plane_participation": ("mode shape", "plane sensitivity", "weight at the wrong plane", "balancing plane", "lever"),
+    "sweep_rate": (
+        "run-up rate", "coast-down", "startup", "shutdown", "acceleration", "transient", "beat after resonance", "ramp",
+    ),
     "stiffness_error": (
         "wrong stiffness", "critical speed off", "natural frequency off", "resonance off", "bearing stiffness",
         "soft bearing", "stiff bearing", "Young's modulus", "shaft too soft", "worn bearing",

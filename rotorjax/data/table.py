@@ -16,7 +16,7 @@ from rotorjax.data.names import unseen
 from rotorjax.errors import InputError
 
 REQUIRED = ("run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg")
-OPTIONAL = ("sigma_um", "repeat")
+OPTIONAL = ("sigma_um", "repeat", "sweep_rpm_per_s")
 LARGEST = 1e9
 """No amplitude in µm, speed in rpm or angle in degrees is larger."""
 HIGHEST_ORDER = 100.0
@@ -188,6 +188,7 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
         number("phase_deg", -math.inf, strict=False),
         number("sigma_um", 0.0, strict=True) if "sigma_um" in header.columns else None,
         cells[header.columns["repeat"]] if "repeat" in header.columns else "",
+        number("sweep_rpm_per_s", -math.inf, strict=False) if "sweep_rpm_per_s" in header.columns else 0.0,
     )
     if row.order == 0.0 and row.amplitude_um > 0.0 and row.phase_deg % 180.0 != 0.0:
         problems.append(f"{where('phase_deg')}: order 0 is a constant offset; its phase must be 0 or 180")
@@ -227,8 +228,15 @@ def _number(text: str, *, decimal_comma: bool) -> float | None:
 
 def _duplicates(path: Path, rows: list[Row], lines: list[int]) -> list[str]:
     first: dict[tuple[object, ...], int] = {}
+    rates: dict[tuple[object, ...], tuple[float, int]] = {}
     problems = []
     for row, line in zip(rows, lines, strict=True):
+        rate, before = rates.setdefault((row.run, row.speed_rpm, row.repeat), (row.sweep_rpm_per_s, line))
+        if rate != row.sweep_rpm_per_s:
+            problems.append(
+                f"{path}:{line}: sweep_rpm_per_s is {row.sweep_rpm_per_s:g}, in line {before} at the same run and "
+                f"speed {rate:g}; state one rate, or number repeated readings in a column 'repeat'"
+            )
         key = (row.run, row.speed_rpm, row.probe, row.order, row.repeat)
         if key in first:
             problems.append(
@@ -246,6 +254,8 @@ def write_table(path: Path, rows: list[Row]) -> None:
         names.append("sigma_um")
     if any(row.repeat for row in rows):
         names.append("repeat")
+    if any(row.sweep_rpm_per_s for row in rows):
+        names.append("sweep_rpm_per_s")
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(names)

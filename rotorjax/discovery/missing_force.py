@@ -176,7 +176,8 @@ def _motion(
     np.ndarray,
 ]:
     """The measured motion [m], the whitening and the covariance of its measured coefficients, and which these are."""
-    shown = measurement.vectors + rotor.at_slow_roll(measurement.conditions)
+    at = measurement.conditions
+    shown = measurement.vectors + rotor.at_slow_roll(at) - rotor.added_by_sweep(at)
     weight = measurement.weights(allowance)[..., 0]
     weight = np.swapaxes(np.where(measurement.present, np.where(weight > 0.0, weight, 1.0 / MICROMETRE), 0.0), 1, 2)
     miss = np.swapaxes(shown, 1, 2) / sight.turn[..., None] - sight.rest

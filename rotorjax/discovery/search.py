@@ -268,13 +268,12 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
 
 def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
-    before, answer = selection.contest, found[present]
-    added = present - set(selection.effects)
-    small = frozenset(name for name in added if not matters(before, answer, name, answer.noise))
+    contest, known = selection.contest, {**selection.known, **found}
+    new = present - set(selection.effects) - set(selection.small)
+    slight = (name for name in new if not matters(contest, known[present], name, known[present].noise))
+    small = frozenset(selection.small) & present | frozenset(slight)
     seen = {min(race.contenders, key=len): race for race in selection.races}
-    return _told(
-        selection.contest, selection.most, present - small, small, {**selection.known, **found}, seen, frozenset(found)
-    )
+    return _told(contest, selection.most, present - small, small, known, seen, frozenset(found))
 
 
 def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> bool:

@@ -6,6 +6,7 @@ from rotorjax.effects.excitation import Misalignment as Misalignment
 from rotorjax.effects.excitation import PlaneParticipation as PlaneParticipation
 from rotorjax.effects.excitation import ResidualBow as ResidualBow
 from rotorjax.effects.excitation import ResidualUnbalance as ResidualUnbalance
+from rotorjax.effects.excitation import SweepRate as SweepRate
 from rotorjax.effects.excitation import ThermalBow as ThermalBow
 from rotorjax.effects.reading import ChainGain as ChainGain
 from rotorjax.effects.reading import PhaseReferenceOffset as PhaseReferenceOffset
@@ -39,6 +40,7 @@ _CLASSES: tuple[type[Effect], ...] = (
     ThermalBow,
     Misalignment,
     PlaneParticipation,
+    SweepRate,
     StiffnessError,
     MassError,
     DampingError,

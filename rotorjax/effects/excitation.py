@@ -5,7 +5,15 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model.contract import Excitation, ExcitationEffect, Family, OperatingPoint, Plan, parameter
+from rotorjax.model.contract import (
+    Excitation,
+    ExcitationEffect,
+    Family,
+    OperatingPoint,
+    Plan,
+    SweepEffect,
+    parameter,
+)
 
 
 class ResidualUnbalance(ExcitationEffect):
@@ -95,3 +103,28 @@ class PlaneParticipation(ExcitationEffect):
     def excitation(self, point: OperatingPoint) -> Excitation:
         pair = jnp.sum(self.gain[:, None] * point.unbalance[1:], axis=0)
         return Excitation(force=point.at_order(1.0) * point.speed**2 * point.forward(pair))
+
+
+class SweepRate(SweepEffect):
+    """dΩ/dt += a while vectors are read, as in a run-up: q = sqrt(i / 2πa) ∫ A(ν) exp(-i (ν - Ω)² / 2a) dν, A the
+    steady amplitude.
+    """
+
+    name: ClassVar[str] = "sweep_rate"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = (
+        "read while the speed changes: a resonance is passed late, lower and wider, and rings on beyond"
+    )
+    source: ClassVar[str] = (
+        "Lewis, Trans. ASME 54 (1932) 253-261; Genta, Dynamics of Rotating Systems, Springer 2005, chapter 4"
+    )
+    relatives: ClassVar[tuple[str, ...]] = ("damping_error", "speed_error", "stiffness_error")
+    sufficient: ClassVar[Plan] = Plan(speeds=(0.7, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.4))
+    rate_rad_per_s2: Array = parameter("rate of the speed", scale=3.0, of="sweep")
+    starts: ClassVar[tuple[dict[str, float], ...]] = (
+        {},
+        *({"rate_rad_per_s2": sign * size} for size in (0.1, 0.4, 1.5) for sign in (1.0, -1.0)),
+    )
+
+    def added_sweep(self) -> Array:
+        return self.rate_rad_per_s2

@@ -24,6 +24,7 @@ class Data(NamedTuple):
     """[rad/s], with what is installed: see `rotorjax.model.Conditions`."""
     unbalance: Float[np.ndarray, "case plane dof"]
     bow: Float[np.ndarray, "case dof"]
+    sweep: Float[np.ndarray, "case"]
     pairs: Float[np.ndarray, "case probe order 2"]
     weight: Float[np.ndarray, "case probe order 2"]
     half_order: Bool[np.ndarray, "order"]
@@ -42,7 +43,8 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     weight = measurement.weights(noise.allowance)
     at = measurement.conditions
     return Data(
-        np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), numpy_pair(measurement.vectors), weight,
+        np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), at.sweeps,
+        numpy_pair(measurement.vectors), weight,
         np.array([is_half_order(order) for order in measurement.orders]), measurement.run,
         common_errors(measurement, model, noise), len(measurement.runs),
     )  # fmt: skip

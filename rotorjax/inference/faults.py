@@ -31,7 +31,7 @@ def response_to(
     spread = np.zeros(conditions.unbalance.shape)
     spread[:, 0] = faults[:, :2]
     on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
-    there = Conditions(conditions.speed, as_array(spread), as_array(faults[:, 2:]))
+    there = Conditions(conditions.speed, as_array(spread), as_array(faults[:, 2:]), conditions.sweep)
     return np.asarray(response(on_disk, there)) if is_timed(model) else LinearRotor(on_disk).vectors(there)
 
 

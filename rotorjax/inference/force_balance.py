@@ -17,7 +17,8 @@ from jaxtyping import Float, Int
 
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
-from rotorjax.inference.kernels import add_dynamic, as_coefficients, compiled, nameless
+from rotorjax.inference.kernels import add_dynamic, as_coefficients
+from rotorjax.inference.programs import compiled, nameless
 from rotorjax.inference.space import labels_of, values_of, with_company
 from rotorjax.model.conditions import Conditions, Probes
 from rotorjax.model.contract import ReadingEffect, WaveformEffect

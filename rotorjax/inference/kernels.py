@@ -5,14 +5,10 @@ never on the number of cases, runs, starts or free unknowns: each kernel is comp
 finds it in the cache.
 """
 
-import contextvars
 import dataclasses
 import functools
 import itertools
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,41 +17,22 @@ from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.compilation import release_freed_memory
-from rotorjax.inference.kept_programs import kept_program
+from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.inference.space import Space
-from rotorjax.model.conditions import Conditions, Layout
-from rotorjax.model.model import Model
+from rotorjax.model.conditions import Conditions
 from rotorjax.physics.harmonic_balance import Grid, grid_of
 from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.physics.response import linear_vectors
 from rotorjax.physics.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
 from rotorjax.physics.steady_state import Ready, answer, positions, without_timed
+from rotorjax.physics.sweep import added_by_sweep
 
-LINEAR_CHUNK, BALANCED_CHUNK = 64, 16
-"""Rows evaluated together: few of the costly ones, as the last chunk is filled up."""
+BALANCED_CHUNK = 16
+"""Rows evaluated together: few, as they are costly and the last chunk is filled up."""
 USUAL_ORDERS = (0.0, 1.0, 2.0, 3.0)
 COLUMNS = 12
 """Unknowns by which slopes are taken in one go."""
-
-
-_WORKERS = ThreadPoolExecutor(os.cpu_count())
-"""Compiled code, NumPy's too, leaves the interpreter to others while it runs."""
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-
-def side_by_side(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """A function of every item, on all processors."""
-    if len(items) == 1:
-        return [function(items[0])]
-    # What NumPy does on overflow is a setting of the thread's context.
-    return list(
-        _WORKERS.map(
-            lambda item, context: context.run(function, item), items, [contextvars.copy_context() for _ in items]
-        )
-    )
 
 
 class Rows(NamedTuple):
@@ -67,6 +44,13 @@ class Rows(NamedTuple):
     speed: Float[np.ndarray, "row"]
     unbalance: Float[np.ndarray, "row plane dof"]
     bow: Float[np.ndarray, "row dof"]
+    sweep: Float[np.ndarray, "row"]
+    """Rate of the speed [rad/s²]: what it does is added to what is read, by a program of its own."""
+
+    @property
+    def steady(self) -> tuple[np.ndarray, ...]:
+        """All but the sweep."""
+        return self[:-1]
 
 
 class Reading(NamedTuple):
@@ -108,7 +92,10 @@ class Kernels:
         self.grid: Grid = grid_of(space.model)
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
         bare = dataclasses.replace(space, model=nameless(space.model), entries=())
-        self._linear = compiled(_linear, bare, space.model, LINEAR_CHUNK)
+        self._linear, self._swept = (
+            compiled(kernel, bare, space.model, LINEAR_CHUNK) for kernel in (_linear, _added_by_sweep)
+        )
+        self._sweeping = np.flatnonzero(space.sweeping())
         # Read at the usual orders too: whichever of them were measured, the compiled code is the same.
         full = bare.with_orders(tuple(sorted({*orders, *USUAL_ORDERS})))
         self._read = [full.model.layout.orders.index(order) for order in orders]
@@ -129,14 +116,13 @@ class Kernels:
 
     def linear(self, rows: Rows) -> Reading:
         """Every order in closed form, forces that depend on motion left out."""
-        shown, slopes = self._linear(*rows)
-        return Reading(_cells(shown), _cells_by_column(slopes))
+        return self._with_sweep(rows, *self._linear(*rows.steady))
 
     def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
         """Orders that depend on one another, along a motion that need not be one."""
-        parts = iter(self._balanced(*self._filled(rows), motion))
+        parts = iter(self._balanced(*self._filled(rows).steady, motion))
         size = motion[0].size
-        shown, shown_slopes = _cells(next(parts)[..., self._read]), _cells_by_column(next(parts)[..., self._read])
+        shown, shown_slopes = self._with_sweep(rows, *(next(parts)[..., self._read] for _ in range(2)))
         shown_by_motion = next(parts)[:, :, self._read]
         lacking, lacking_slopes = (as_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
         dynamic = [[next(parts), next(parts)], [next(parts), next(parts)]]
@@ -153,7 +139,22 @@ class Kernels:
 
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
         """Many orders at many instants along a refined motion."""
-        return Refined(*self._refined(*self._filled(rows), motion))
+        return Refined(*self._refined(*self._filled(rows).steady, motion))
+
+    def _with_sweep(
+        self,
+        rows: Rows,
+        shown: Complex[np.ndarray, "row probe order"],
+        slopes: Complex[np.ndarray, "row column probe order"],
+    ) -> Reading:
+        """What the probes show, with what a sweep adds to it."""
+        freed = np.isin(rows.columns, self._sweeping).any(axis=1) | rows.unknowns[:, self._sweeping].any(axis=1)
+        moving = np.flatnonzero(freed | (rows.sweep != 0.0))
+        if len(moving):
+            added, by_column = self._swept(*(values[moving] for values in rows))
+            shown[moving] += added
+            slopes[moving] += by_column
+        return Reading(_cells(shown), _cells_by_column(slopes))
 
     def _filled(self, rows: Rows) -> Rows:
         return rows._replace(unknowns=np.pad(rows.unknowns, ((0, 0), (0, self._more))))
@@ -215,96 +216,6 @@ def add_dynamic(
             block[:, im, re] += imaginary[:, order]
 
 
-class Program:
-    """A kernel that takes the leaves of a pytree, its first argument, one by one: traced when it is first called, or
-    found.
-    """
-
-    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool) -> None:
-        self._kernel, self._structure, self._ours = kernel, structure, ours
-        self._call: Callable[..., tuple[Array, ...]] | None = None
-
-    @property
-    def warm(self) -> bool:
-        """Whether it was called before."""
-        return self._call is not None
-
-    def __call__(self, leaves: list[Any], *rows: np.ndarray) -> tuple[Array, ...]:
-        """One chunk."""
-        if self._call is not None:
-            return self._call(leaves, *rows)
-        self._call = self._made(leaves, *rows)
-        parts = jax.block_until_ready(self._call(leaves, *rows))
-        release_freed_memory()
-        return parts
-
-    def _made(self, leaves: list[Any], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
-        def kernel(leaves: list[Any], *rows: Array) -> tuple[Array, ...]:
-            return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
-
-        # What a class of somebody else does is not said by its name.
-        return (
-            kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows))
-            if self._ours
-            else jax.jit(kernel)
-        )
-
-
-@functools.lru_cache
-def _program(
-    kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool
-) -> Program:
-    """The same one whenever it is asked for."""
-    del shapes  # a program for each
-    return Program(kernel, structure, ours=ours)
-
-
-class Compiled(NamedTuple):
-    """A kernel at the values of one pytree. Called with rows, any number of them, which are evaluated in chunks of one
-    size.
-    """
-
-    program: Program
-    # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
-    leaves: list[Any]
-    size: int
-
-    def __call__(self, *rows: np.ndarray) -> list[np.ndarray]:
-        """The last chunk is filled up with copies of its last row."""
-        count = len(rows[0])
-
-        def chunk(first: int) -> list[np.ndarray]:
-            index = np.minimum(np.arange(first, first + self.size), count - 1)
-            return [np.asarray(part) for part in self.program(self.leaves, *(values[index] for values in rows))]
-
-        firsts, parts = range(0, count, self.size), []
-        if not self.program.warm:
-            # The first by itself: it may have to be compiled.
-            parts, firsts = [chunk(0)], firsts[1:]
-        parts += side_by_side(chunk, firsts) if firsts else []
-        return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
-
-
-def compiled(kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int) -> Compiled:
-    """A kernel whose first argument is a pytree. **Arguments:** ``model``: what the tree was made of; ``size``: rows
-    evaluated together.
-    """
-    leaves, structure = jax.tree.flatten(tree)
-    ours = all(type(part).__module__.startswith("rotorjax.") for part in (model.rotor, *model.effects))
-    return Compiled(_program(kernel, structure, tuple(np.shape(leaf) for leaf in leaves), ours), leaves, size)
-
-
-def nameless(model: Model) -> Model:
-    """The model without the names of probes and planes, which compiled code must not depend on, and
-    without slow roll.
-    """
-    layout = model.layout
-    blank = Layout(
-        tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders
-    )
-    return dataclasses.replace(model, layout=blank, slow_roll=None)
-
-
 def _one_hot(columns: Array, size: int) -> Float[Array, "column param"]:
     return (jnp.asarray(columns)[:, None] == jnp.arange(size)[None]).astype(float)
 
@@ -320,6 +231,19 @@ def _linear(
         return value, jax.vmap(push)(_one_hot(wanted, len(u)))
 
     return jax.vmap(row)(unknowns, columns, speed, unbalance, bow)
+
+
+def _added_by_sweep(
+    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, sweep: Array
+) -> tuple[Array, Array]:
+    def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
+        def added(at: Array) -> Array:
+            return added_by_sweep(without_timed(space.at(at)), Conditions(*condition))
+
+        value, push = jax.linearize(added, u)
+        return value, jax.vmap(push)(_one_hot(wanted, len(u)))
+
+    return jax.vmap(row)(unknowns, columns, speed, unbalance, bow, sweep)
 
 
 class _Along(NamedTuple):

@@ -4,6 +4,7 @@ One program serves every model, measurement and number of conditions: its shape 
 the number of planes.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,16 +16,17 @@ from jaxtyping import Complex, Float
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.effects import CATALOG
-from rotorjax.inference.kernels import LINEAR_CHUNK, compiled, nameless
+from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.inference.space import with_company
 from rotorjax.model.conditions import Conditions
-from rotorjax.model.contract import RestoringEffect, WaveformEffect
+from rotorjax.model.contract import RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
 from rotorjax.physics.harmonic_balance import grid_of, to_real
 from rotorjax.physics.planar import Vector
 from rotorjax.physics.response import linear_vectors
 from rotorjax.physics.steady_state import by_order, in_space, positions, without_timed
+from rotorjax.physics.sweep import added_by_sweep
 
 
 class Sight(NamedTuple):
@@ -48,7 +50,10 @@ class LinearRotor:
         linear = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | WaveformEffect)}
         full = with_company(without_timed(model), linear)
         self._slow_roll = None if model.slow_roll is None else float(model.slow_roll)
-        self._rotor = compiled(_linear_rotor, nameless(full), full, LINEAR_CHUNK)
+        self._rotor, self._swept = (
+            compiled(kernel, nameless(full), full, LINEAR_CHUNK) for kernel in (_linear_rotor, _added_by_sweep)
+        )
+        self._rate = sum(float(e.added_sweep()) for e in model.effects if isinstance(e, SweepEffect))
 
     def sight(self, conditions: Conditions) -> Sight:
         """How the probes see the disk at each of these conditions."""
@@ -66,8 +71,18 @@ class LinearRotor:
         """The vectors at slow roll, if those were subtracted."""
         return 0.0 if self._slow_roll is None else self._at(conditions, self._slow_roll)[0]
 
+    def added_by_sweep(self, conditions: Conditions) -> Complex[np.ndarray, "case probe order"] | float:
+        """What a changing speed adds to the vectors, if it changes."""
+        return self._of_sweep(conditions, 0)
+
+    def _of_sweep(self, conditions: Conditions, part: int) -> np.ndarray | float:
+        if not np.any(conditions.sweeps + self._rate):
+            return 0.0
+        every = (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
+        return self._swept(*(np.asarray(values) for values in every))[part]
+
     def _above_slow_roll(self, conditions: Conditions, part: int) -> np.ndarray:
-        shown = self._at(conditions)[part]
+        shown = self._at(conditions)[part] + self._of_sweep(conditions, part)
         return shown if self._slow_roll is None else shown - self._at(conditions, self._slow_roll)[part]
 
     def _at(self, conditions: Conditions, speed: float | None = None) -> list[np.ndarray]:
@@ -75,17 +90,33 @@ class LinearRotor:
         return self._rotor(speeds, np.asarray(conditions.unbalance), np.asarray(conditions.bow))
 
 
+def _on_disk(vectors: Callable[[Model, Conditions], Array], model: Model, at: Conditions) -> Array:
+    """Derivative of vectors by (U_x, U_y, s_x, s_y) on the disk."""
+    on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
+
+    def driven(fault: Float[Array, "4"]) -> Complex[Array, "probe order"]:
+        unbalance = jnp.zeros_like(at.unbalance).at[0].set(fault[:2])
+        return vectors(on_disk, Conditions(at.speed, unbalance, fault[2:], at.sweep))
+
+    _, push = jax.linearize(driven, jnp.zeros(4))
+    return jax.vmap(push)(jnp.eye(4))
+
+
+def _added_by_sweep(model: Model, *conditions: Array) -> tuple[Array, ...]:
+    def row(*condition: Array) -> tuple[Array, ...]:
+        at = Conditions(*condition)
+        return added_by_sweep(model, at), _on_disk(added_by_sweep, model, at)
+
+    return jax.vmap(row)(*conditions)
+
+
 def _linear_rotor(model: Model, speed: Array, unbalance: Array, bow: Array) -> tuple[Array, ...]:
     grid = grid_of(model)
     index = np.array(positions(model.layout.orders, grid))
     whole = model.with_orders(grid.orders)
-    on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
 
     def row(speed: Array, unbalance: Array, bow: Array) -> tuple[Array, ...]:
-        def driven(fault: Float[Array, "4"]) -> Complex[Array, "probe order"]:
-            return linear_vectors(on_disk, Conditions(speed, jnp.zeros_like(unbalance).at[0].set(fault[:2]), fault[2:]))
-
-        _, push = jax.linearize(driven, jnp.zeros(4))
+        at = Conditions(speed, unbalance, bow)
         turning = true_speed(model, speed)
         assembled, chain = by_order(whole, Conditions(turning, unbalance, bow), grid)
         sensed = jax.vmap(lambda part, link, disk: link.sensed(whole.probes, part.motion_of(disk)))
@@ -96,7 +127,7 @@ def _linear_rotor(model: Model, speed: Array, unbalance: Array, bow: Array) -> t
         )
         turn = chain.turn + zero
         free = to_real(in_space(assembled.motion().disk))
-        vectors = linear_vectors(model, Conditions(speed, unbalance, bow))
-        return vectors, jax.vmap(push)(jnp.eye(4)), along[index], rest[index], turn[index], free, turning
+        vectors, by_fault = linear_vectors(model, at), _on_disk(linear_vectors, model, at)
+        return vectors, by_fault, along[index], rest[index], turn[index], free, turning
 
     return jax.vmap(row)(speed, unbalance, bow)

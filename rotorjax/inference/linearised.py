@@ -26,7 +26,8 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, half_order_sign
-from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of, side_by_side
+from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of
+from rotorjax.inference.programs import side_by_side
 from rotorjax.inference.space import Space
 from rotorjax.model.conditions import Conditions
 
@@ -115,6 +116,7 @@ class States(NamedTuple):
     """[rad/s], with what is installed: see `rotorjax.model.Conditions`."""
     unbalance: Float[np.ndarray, "state plane dof"]
     bow: Float[np.ndarray, "state dof"]
+    sweep: Float[np.ndarray, "state"]
     rolling: Int[np.ndarray, "case"] | None
     """Of every case the state at slow roll that its vectors are less, if any."""
 
@@ -124,8 +126,9 @@ class States(NamedTuple):
         speed, unbalance, bow = (
             np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow)
         )
+        sweep = conditions.sweeps if isinstance(conditions, Conditions) else conditions.sweep
         if slow_roll is None:
-            return cls(speed, unbalance, bow, None)
+            return cls(speed, unbalance, bow, sweep, None)
         installed = np.concatenate([unbalance.reshape(len(speed), -1), bow], axis=1)
         _, first, which = np.unique(installed, axis=0, return_index=True, return_inverse=True)
         slow = np.full(len(first), slow_roll)
@@ -134,6 +137,7 @@ class States(NamedTuple):
             np.concatenate([speed, slow]),
             np.concatenate([unbalance, unbalance[first]]),
             np.concatenate([bow, bow[first]]),
+            np.concatenate([sweep, np.zeros(len(first))]),
             rolling,
         )
 
@@ -244,7 +248,7 @@ class Linearisation:
         wanted: Int[np.ndarray, "row column"],
         states: Int[np.ndarray, "row"],
     ) -> Rows:
-        return Rows(unknowns, wanted, self.states.speed[states], self.states.unbalance[states], self.states.bow[states])
+        return Rows(unknowns, wanted, *(values[states] for values in self.states[:4]))
 
     def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
         """Back to one array a task: block x state x what follows."""

@@ -30,11 +30,13 @@ class Prediction(NamedTuple):
 def conditions_data(conditions: Conditions, probes: int, orders: int) -> Data:
     """Conditions at which nothing was measured."""
     speed, unbalance, bow = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
+    sweep = conditions.sweeps
     pairs, run = np.zeros((len(speed), probes, orders, 2)), np.zeros(len(speed), int)
     return Data(
         speed,
         unbalance,
         bow,
+        sweep,
         pairs,
         np.ones(pairs.shape),
         np.zeros(orders, bool),

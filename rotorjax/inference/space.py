@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from types import UnionType
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from rotorjax.arrays import as_array
 from rotorjax.data.measurement import Knowledge
 from rotorjax.effects import CATALOG
-from rotorjax.model.contract import Effect, RestoringEffect, WaveformEffect
+from rotorjax.model.contract import Effect, RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.units import Unit, unit_of
 
@@ -104,13 +105,15 @@ class Space(eqx.Module):
         return centre + np.where(self.logarithmic, (1.0 + centre) * factor, moved)
 
     def model_at(self, unknowns: Float[np.ndarray, "param"]) -> Model:
-        """`at` for known numbers, outside compiled code; without forces depending on motion that are at their null."""
+        """`at` for known numbers, outside compiled code; without forces depending on motion, and a sweep, that are at
+        their null.
+        """
         leaves, structure = jax.tree.flatten(self.model.effects)
         parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
         effects = [as_array(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
         full = eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
-        timed = [e for e in full.effects if isinstance(e, RestoringEffect | WaveformEffect)]
-        return full.without(*(e.name for e in timed if not any(np.any(np.asarray(v)) for v in e.values())))
+        costly = [e for e in full.effects if isinstance(e, RestoringEffect | WaveformEffect | SweepEffect)]
+        return full.without(*(e.name for e in costly if not any(np.any(np.asarray(v)) for v in e.values())))
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""
@@ -120,7 +123,14 @@ class Space(eqx.Module):
 
     def timed(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects that make the orders depend on one another."""
-        names = {e.name for e in self.model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
+        return self._of_kind(RestoringEffect | WaveformEffect)
+
+    def sweeping(self) -> Bool[np.ndarray, "param"]:
+        """Unknowns of effects by which the speed changes."""
+        return self._of_kind(SweepEffect)
+
+    def _of_kind(self, kind: type[Effect] | UnionType) -> Bool[np.ndarray, "param"]:
+        names = {e.name for e in self.model.effects if isinstance(e, kind)}
         mask = np.zeros(len(self.entries), dtype=bool)
         mask[[e.unknown for e in self.entries if e.effect in names]] = True
         return mask

@@ -13,7 +13,7 @@ from jax import Array
 from jaxtyping import Bool, Complex, Float
 
 from rotorjax.effects import CATALOG
-from rotorjax.inference.kernels import LINEAR_CHUNK, compiled, nameless
+from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.inference.space import with_company
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import RestoringEffect, WaveformEffect

@@ -69,30 +69,44 @@ class Conditions(eqx.Module):
     """Installed unbalance, kg m: along x and 90° on in the sense of rotation, at t = 0."""
     bow: Float[Array, "*case dof"]
     """Installed bow, m, likewise."""
+    sweep: Float[Array, "*case"] | None = None
+    """Rate at which the speed changes while it is read, rad/s²; none where all speeds are steady."""
 
     @classmethod
-    def at(cls, speed: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
+    def at(
+        cls, speed: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0, sweep: Numbers | None = None
+    ) -> "Conditions":
         """Conditions at these speeds.
 
         **Arguments:** ``speed`` [rad/s], a number or an array; ``unbalance`` [kg m], last axes (plane, dof), or
-        (dof,) for a single plane; ``bow`` [m], last axis (dof,). Both are repeated over the speeds where needed.
+        (dof,) for a single plane; ``bow`` [m], last axis (dof,); ``sweep`` [rad/s²]. They are repeated over the speeds
+        where needed.
         """
         # For numbers nothing need be compiled.
-        numbers, array = (np, np.asarray) if is_known(speed, unbalance, bow) else (jnp, as_float)
+        numbers, array = (
+            (np, np.asarray) if is_known(speed, unbalance, bow, 0.0 if sweep is None else sweep) else (jnp, as_float)
+        )
         omega, mass_distance, offset = numbers.atleast_1d(array(speed)), array(unbalance), array(bow)
         if mass_distance.ndim < 2:
             mass_distance = numbers.broadcast_to(mass_distance, (1, 2))
         planes = mass_distance.shape[-2:]
-        spread = (
-            numbers.broadcast_to(mass_distance, (*omega.shape, *planes)),
-            numbers.broadcast_to(offset, (*omega.shape, 2)),
-        )
-        return cls(*map(as_float, (omega, *spread)))
+        everywhere = as_float(numbers.broadcast_to(mass_distance, (*omega.shape, *planes)))
+        rate = None if sweep is None else as_float(numbers.broadcast_to(array(sweep), omega.shape))
+        return cls(as_float(omega), everywhere, as_float(numbers.broadcast_to(offset, (*omega.shape, 2))), rate)
+
+    @property
+    def sweeps(self) -> Float[np.ndarray, "*case"]:
+        """Rate of every speed, zero where it is steady."""
+        return np.zeros(np.shape(self.speed)) if self.sweep is None else np.asarray(self.sweep)
 
     @classmethod
-    def at_rpm(cls, speed_rpm: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0) -> "Conditions":
+    def at_rpm(
+        cls, speed_rpm: Numbers, *, unbalance: Numbers = 0.0, bow: Numbers = 0.0, sweep_rpm_per_s: Numbers | None = None
+    ) -> "Conditions":
         """The same with speeds in revolutions per minute."""
-        return cls.at((np.asarray if is_known(speed_rpm) else as_float)(speed_rpm) * RPM, unbalance=unbalance, bow=bow)
+        speed = (np.asarray if is_known(speed_rpm) else as_float)(speed_rpm) * RPM
+        rate = None if sweep_rpm_per_s is None else np.asarray(sweep_rpm_per_s) * RPM
+        return cls.at(speed, unbalance=unbalance, bow=bow, sweep=rate)
 
 
 class Probes(eqx.Module):

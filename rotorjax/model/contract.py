@@ -103,7 +103,8 @@ class AbstractRotor(eqx.Module):
     def quantities(self) -> dict[str, float]:
         """The rig's own scales, in SI, that prior scales refer to.
 
-        Eccentricity e = G / ω_n and unbalance M e are those of balance grade G6.3 at the natural frequency.
+        Eccentricity e = G / ω_n and unbalance M e are those of balance grade G6.3 at the natural frequency; a sweep at
+        the square of the rate of decay moves and widens a resonance by about its own width.
         """
         mass, stiffness = float(self.mass), float(np.mean(np.asarray(self.stiffness)))
         frequency = math.sqrt(stiffness / mass)
@@ -122,6 +123,7 @@ class AbstractRotor(eqx.Module):
             "cubic": stiffness / eccentricity**2,
             "curvature": 1.0 / eccentricity,
             "drag": damping / (eccentricity * frequency),
+            "sweep": (damping / (2.0 * mass)) ** 2,
         }
 
     def __add__(self, effect: "Effect") -> "Model":
@@ -346,6 +348,14 @@ class SpeedEffect(Effect):
     @abc.abstractmethod
     def added_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """Speed to add to the tabulated one [rad/s]."""
+
+
+class SweepEffect(Effect):
+    """Says that the speed changes while it is read."""
+
+    @abc.abstractmethod
+    def added_sweep(self) -> Float[Array, ""]:
+        """Rate to add to that which is stated [rad/s²]."""
 
 
 class SupportEffect(Effect):

@@ -56,6 +56,31 @@ def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tup
     return turned @ series.inverse(), compliance
 
 
+class Whole(NamedTuple):
+    """The matrices of the linear rotor: D = stiffness + iω damping - ω² mass."""
+
+    stiffness: Matrix
+    """K_p + K_disk."""
+    damping: Matrix
+    mass: Matrix
+    path: Matrix
+    """K_p."""
+    path_damping: Matrix
+    compliance: Vector
+    """F⁻¹ of the foundation, per axis."""
+
+
+def matrices_of(model: Model, point: OperatingPoint) -> Whole:
+    """The matrices at one order, all effects that change them together."""
+    added = _add(Matrices(), *(e.matrices(point) for e in model.effects if isinstance(e, MatrixEffect)))
+    path, compliance = _path_stiffness(model, point, added)
+    rotor = point.rotor
+    path_damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
+    mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
+    stiffness, damping = path + Matrix.of(added.stiffness), path_damping + Matrix.of(added.damping)
+    return Whole(stiffness, damping, mass, path, path_damping, compliance)
+
+
 class Assembled(NamedTuple):
     """The linear rotor at one order: D q = F, and what the foundation and a bow need of it."""
 
@@ -80,18 +105,10 @@ class Assembled(NamedTuple):
 
 def assemble(model: Model, point: OperatingPoint) -> Assembled:
     """The model at one order, everything but its restoring forces."""
-    added = _add(Matrices(), *(e.matrices(point) for e in model.effects if isinstance(e, MatrixEffect)))
+    stiffness, damping, mass, path, path_damping, compliance = matrices_of(model, point)
     driven = _add(Excitation(), *(e.excitation(point) for e in model.effects if isinstance(e, ExcitationEffect)))
-    path, compliance = _path_stiffness(model, point, added)
     rotor, omega = point.rotor, point.frequency
-    path_damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
-    mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
-    dynamic = (
-        path
-        + 1j * omega * (path_damping + Matrix.of(added.damping))
-        + Matrix.of(added.stiffness)
-        + (-(omega**2)) * mass
-    )
+    dynamic = stiffness + 1j * omega * damping + (-(omega**2)) * mass
     once, constant = point.at_order(1.0), point.at_order(0.0)
     offset = Vector.of(driven.offset) + once * Vector.of(point.forward(point.bow))
     through = path + 1j * omega * path_damping if rotor.bow_through_damping else path

@@ -17,7 +17,8 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import Chain, assemble, point_at, true_speed
-from rotorjax.physics.steady_state import is_timed, timed_vectors
+from rotorjax.physics.steady_state import is_timed, timed_vectors, without_timed
+from rotorjax.physics.sweep import added_by_sweep, sweeps
 
 TOGETHER = 4
 """Cases whose orders are balanced in one go."""
@@ -44,12 +45,14 @@ def _timed_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe
 def _case(
     model: Model, condition: Conditions, vectors_of: Callable[[Model, Conditions], Complex[Array, "probe order"]]
 ) -> Complex[Array, "probe order"]:
-    """One case, less what it shows at slow roll where that was subtracted."""
+    """One case, less what it shows at slow roll where that was subtracted, and with what a sweep adds."""
+    added = added_by_sweep(without_timed(model), condition) if sweeps(model, condition) else 0.0
+    condition = dataclasses.replace(condition, sweep=None)
     if model.slow_roll is None:
-        return vectors_of(model, condition)
+        return vectors_of(model, condition) + added
     at_speed = jax.vmap(lambda speed: vectors_of(model, Conditions(speed, condition.unbalance, condition.bow)))
     measured, rolling = at_speed(_speeds(model, condition))
-    return measured - rolling
+    return measured - rolling + added
 
 
 def vectors(model: Model, conditions: Conditions) -> Complex[Array, "case probe order"]:
@@ -83,7 +86,8 @@ def response(model: Model | AbstractRotor, conditions: Conditions) -> Complex[Ar
     """Steady-state vibration vectors: displacement(t) = Re[z e^{inΩt}], zero-to-peak, phase leading [m].
 
     z_n = reading(D_n⁻¹ F_n), D_n = K_p + inΩC + K_disk - (nΩ)²M; less the same at slow roll where the model says
-    that slow roll was subtracted. Differentiable in every number of model and conditions.
+    that slow roll was subtracted. Where the speed changes, the linear rotor's answer to that is added
+    (`rotorjax.physics.sweep`). Differentiable in every number of model and conditions.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** shape (case, probe,
     order), orders as in ``model.layout.orders``; not a number where forces depend on motion and no steady state was

@@ -27,6 +27,7 @@ _QUANTITIES = {
     "cubic": " × K / e² (G6.3 at ω_n)",
     "curvature": " / e (G6.3 at ω_n)",
     "drag": " × C / (e ω_n)",
+    "sweep": " × (C / 2M)²",
 }
 
 

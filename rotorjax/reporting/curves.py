@@ -12,7 +12,7 @@ from rotorjax.inference.prediction import predict
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
-from rotorjax.units import MICROMETRE
+from rotorjax.units import MICROMETRE, RPM
 
 POINTS = 241
 
@@ -113,5 +113,8 @@ def fitted_curves(fitted: Fit, run: str) -> Curves:
 
 
 def _conditions(m: Measurement, run: str, speeds: Float[np.ndarray, "speed"]) -> Conditions:
-    case = int(np.argmax(m.run == m.runs.index(run)))
-    return Conditions.at_rpm(speeds, unbalance=m.conditions.unbalance[case], bow=m.conditions.bow[case])
+    cases = np.flatnonzero(m.run == m.runs.index(run))
+    cases = cases[np.argsort(m.speed_rpm[cases])]
+    at = m.conditions
+    sweep = np.interp(speeds, m.speed_rpm[cases], at.sweeps[cases] / RPM) if at.sweep is not None else None
+    return Conditions.at_rpm(speeds, unbalance=at.unbalance[cases[0]], bow=at.bow[cases[0]], sweep_rpm_per_s=sweep)

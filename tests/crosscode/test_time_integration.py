@@ -111,7 +111,7 @@ def test_every_catalogue_effect_is_checked():
     timed = {
         name for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)
     }  # test_harmonic_balance.py
-    elsewhere = timed | {"speed_error", "plane_participation"}
+    elsewhere = timed | {"speed_error", "plane_participation", "sweep_rate"}  # test_sweep.py
     assert set(CASES) | elsewhere == set(effects.CATALOG)
 
 

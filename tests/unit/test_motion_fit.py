@@ -28,7 +28,8 @@ from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.scan import scan
 from rotorjax.inference.space import Space, make_space, with_company
-from rotorjax.physics.steady_state import Ready
+from rotorjax.physics.steady_state import Ready, without_timed
+from rotorjax.physics.sweep import added_by_sweep
 
 import hidden
 import hidden_forces
@@ -241,11 +242,12 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
     space = make_space(whole, Knowledge())
     kernels, rng, count = Kernels(space), np.random.default_rng(4), len(space.entries)
     unknowns, motion = 0.3 * rng.normal(size=(3, count)), 1e-4 * rng.normal(size=(3, 2, kernels.coefficients))
-    condition = Conditions(jnp.asarray(200.0), jnp.full((1, 2), 1e-5), jnp.zeros(2))
+    condition = Conditions(jnp.asarray(200.0), jnp.full((1, 2), 1e-5), jnp.zeros(2), jnp.asarray(3.0))
 
     def along(u, q):
         ready = Ready.of(space.at(u), condition)
-        both = real_pair(ready.shown(q, orders)).ravel(), (ready.system.lacking(q) + ready.system.force(q)).ravel()
+        shown = ready.shown(q, orders) + added_by_sweep(without_timed(space.at(u)), condition)
+        both = real_pair(shown).ravel(), (ready.system.lacking(q) + ready.system.force(q)).ravel()
         return both, both
 
     differentiated = jax.jit(jax.vmap(jax.jacfwd(along, argnums=(0, 1), has_aux=True)))(unknowns, motion)
@@ -254,7 +256,8 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
     )
     for first in range(0, count, COLUMNS):
         columns = np.where(np.arange(first, first + COLUMNS) < count, np.arange(first, first + COLUMNS), -1)
-        rows = Rows(unknowns, np.tile(columns, (3, 1)), np.full(3, 200.0), np.full((3, 1, 2), 1e-5), np.zeros((3, 2)))
+        installed = np.full((3, 1, 2), 1e-5), np.zeros((3, 2))
+        rows = Rows(unknowns, np.tile(columns, (3, 1)), np.full(3, 200.0), *installed, np.full(3, 3.0))
         found, free = kernels.balanced(rows, motion), columns[columns >= 0]
         for got, expected in (
             (found.shown, shown),

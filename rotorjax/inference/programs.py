@@ -1,0 +1,128 @@
+"""Compiled programs that take the leaves of a pytree and rows: any number of rows, evaluated in chunks of one size."""
+
+import contextvars
+import dataclasses
+import functools
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import numpy as np
+from jax import Array
+
+from rotorjax.compilation import release_freed_memory
+from rotorjax.inference.kept_programs import kept_program
+from rotorjax.model.conditions import Layout
+from rotorjax.model.model import Model
+
+LINEAR_CHUNK = 64
+"""Rows evaluated together where each costs little."""
+
+_WORKERS = ThreadPoolExecutor(os.cpu_count())
+"""Compiled code, NumPy's too, leaves the interpreter to others while it runs."""
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def side_by_side(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """A function of every item, on all processors."""
+    if len(items) == 1:
+        return [function(items[0])]
+    # What NumPy does on overflow is a setting of the thread's context.
+    return list(
+        _WORKERS.map(
+            lambda item, context: context.run(function, item), items, [contextvars.copy_context() for _ in items]
+        )
+    )
+
+
+class Program:
+    """A kernel that takes the leaves of a pytree, its first argument, one by one: traced when it is first called, or
+    found.
+    """
+
+    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool) -> None:
+        self._kernel, self._structure, self._ours = kernel, structure, ours
+        self._call: Callable[..., tuple[Array, ...]] | None = None
+
+    @property
+    def warm(self) -> bool:
+        """Whether it was called before."""
+        return self._call is not None
+
+    def __call__(self, leaves: list[Any], *rows: np.ndarray) -> tuple[Array, ...]:
+        """One chunk."""
+        if self._call is not None:
+            return self._call(leaves, *rows)
+        self._call = self._made(leaves, *rows)
+        parts = jax.block_until_ready(self._call(leaves, *rows))
+        release_freed_memory()
+        return parts
+
+    def _made(self, leaves: list[Any], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
+        def kernel(leaves: list[Any], *rows: Array) -> tuple[Array, ...]:
+            return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
+
+        # What a class of somebody else does is not said by its name.
+        return (
+            kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows))
+            if self._ours
+            else jax.jit(kernel)
+        )
+
+
+@functools.lru_cache
+def _program(
+    kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool
+) -> Program:
+    """The same one whenever it is asked for."""
+    del shapes  # a program for each
+    return Program(kernel, structure, ours=ours)
+
+
+class Compiled(NamedTuple):
+    """A kernel at the values of one pytree. Called with rows, any number of them, which are evaluated in chunks of one
+    size.
+    """
+
+    program: Program
+    # Flat, and the structure apart: to look that up anew in every call costs as much as some rows.
+    leaves: list[Any]
+    size: int
+
+    def __call__(self, *rows: np.ndarray) -> list[np.ndarray]:
+        """The last chunk is filled up with copies of its last row."""
+        count = len(rows[0])
+
+        def chunk(first: int) -> list[np.ndarray]:
+            index = np.minimum(np.arange(first, first + self.size), count - 1)
+            return [np.asarray(part) for part in self.program(self.leaves, *(values[index] for values in rows))]
+
+        firsts, parts = range(0, count, self.size), []
+        if not self.program.warm:
+            # The first by itself: it may have to be compiled.
+            parts, firsts = [chunk(0)], firsts[1:]
+        parts += side_by_side(chunk, firsts) if firsts else []
+        return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+
+
+def compiled(kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int) -> Compiled:
+    """A kernel whose first argument is a pytree. **Arguments:** ``model``: what the tree was made of; ``size``: rows
+    evaluated together.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    ours = all(type(part).__module__.startswith("rotorjax.") for part in (model.rotor, *model.effects))
+    return Compiled(_program(kernel, structure, tuple(np.shape(leaf) for leaf in leaves), ours), leaves, size)
+
+
+def nameless(model: Model) -> Model:
+    """The model without the names of probes and planes, which compiled code must not depend on, and
+    without slow roll.
+    """
+    layout = model.layout
+    blank = Layout(
+        tuple(map(str, range(len(layout.probes)))), tuple(map(str, range(len(layout.planes)))), layout.orders
+    )
+    return dataclasses.replace(model, layout=blank, slow_roll=None)
