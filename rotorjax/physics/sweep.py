@@ -14,7 +14,9 @@ Anal. 31:1497-1518.
 """
 
 import dataclasses
-from typing import NamedTuple
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,8 +30,8 @@ from rotorjax.model.model import Model
 from rotorjax.physics.assembly import Assembled, Chain, assemble, matrices_of, point_at, true_speed
 from rotorjax.physics.planar import Matrix, Vector
 
-TERMS = 32
-"""Of the rational approximation of w: an error below 1e-12."""
+TERMS = 16
+"""Of the rational approximation of w: an error below 1e-6."""
 FAR = 60.0
 """Squares of |z|, doubled, from which w's own expansion is as good."""
 EXPANSION = (1.0, 3.0, 15.0, 105.0, 945.0, 10395.0)
@@ -38,6 +40,8 @@ APART = 1e-6
 """Relative difference by which two equal stiffnesses are taken apart: partial fractions need simple poles."""
 ITERATIONS = 40
 """Of the search for natural frequencies."""
+NODES = (0.7, 1.0, 1.3)
+"""Frequencies at which forces are taken, in the mean natural frequency."""
 SLOWEST = 1e-9
 """Rate over the square of the distance from a natural frequency up to which nothing rings on."""
 
@@ -53,12 +57,27 @@ def _rational() -> tuple[float, Float[np.ndarray, "_"]]:
 SCALE, COEFFICIENTS = _rational()
 
 
+def _polynomial(coefficients: Iterable[Any], at: Array) -> Array:
+    """The highest power first, written out: a loop would cost many times as much."""
+    value = jnp.zeros_like(at)
+    for coefficient in coefficients:
+        value = value * at + coefficient
+    return value
+
+
+@jax.custom_jvp
 def faddeeva(z: Complex[Array, ""]) -> Complex[Array, ""]:
     """w(z) = exp(-z²) erfc(-iz) in the upper half of the plane."""
     below = SCALE - 1j * z
-    return 2.0 * jnp.polyval(jnp.asarray(COEFFICIENTS), (SCALE + 1j * z) / below) / below**2 + 1.0 / (
-        np.sqrt(np.pi) * below
-    )
+    rational = _polynomial(COEFFICIENTS, (SCALE + 1j * z) / below)
+    return 2.0 * rational / below**2 + 1.0 / (np.sqrt(np.pi) * below)
+
+
+@faddeeva.defjvp
+def _slope_of_faddeeva(at: tuple[Array], change: tuple[Array]) -> tuple[Array, Array]:
+    """dw/dz = -2 z w + 2i / sqrt π."""
+    w = faddeeva(*at)
+    return w, (2j / np.sqrt(np.pi) - 2.0 * at[0] * w) * change[0]
 
 
 def kept(pole: Complex[Array, ""], frequency: Float[Array, ""], rate: Float[Array, ""]) -> Complex[Array, ""]:
@@ -66,7 +85,7 @@ def kept(pole: Complex[Array, ""], frequency: Float[Array, ""], rate: Float[Arra
     distance = pole - frequency
     size = jnp.real(distance) ** 2 + jnp.imag(distance) ** 2
     small = -1j * rate / distance**2
-    expanded = -small * jnp.polyval(jnp.asarray(EXPANSION[::-1]), small) / distance
+    expanded = -small * _polynomial(EXPANSION[::-1], small) / distance
     far = FAR * jnp.abs(rate) < size
     moves = jnp.abs(rate) > SLOWEST * size
     safe = jnp.where(moves, rate, size)
@@ -81,67 +100,82 @@ def kept(pole: Complex[Array, ""], frequency: Float[Array, ""], rate: Float[Arra
 
 
 class _Poles(NamedTuple):
-    """The natural frequencies at one operating point, forward or backward, and D there."""
+    """The two natural frequencies at one operating point whose real parts are positive, and D there."""
 
-    frequency: Complex[Array, "mode"]
+    frequency: Complex[Array, "pole"]
     dynamic: Matrix
-    """D there, over a stiffness; leading axis: mode."""
-    slope: Complex[Array, "mode"]
+    """D there, over a stiffness; leading axis: pole."""
+    slope: Complex[Array, "pole"]
     """Derivative of its determinant, times that stiffness."""
 
 
 def _poles(model: Model, point: OperatingPoint) -> _Poles:
-    """Both zeros of det D(ω) with a positive real part, D with what the support does at the point's own frequency."""
+    """Zeros of det D(ω), D with what the support does at the point's own frequency."""
     own = matrices_of(model, point)
     stiffness = dataclasses.replace(own.stiffness, xx=own.stiffness.xx * (1.0 + APART))
     # Over sqrt(mean stiffness / mass), so that coefficients are of the size of one.
     unit = jnp.sqrt(jnp.real(0.5 * (stiffness.xx + stiffness.yy) / own.mass.xx))
     size = own.mass.xx * unit**2
-    parts = [(1.0 / size) * stiffness, (1j * unit / size) * own.damping, (-(unit**2) / size) * own.mass]
-
-    def along(name: str) -> Array:
-        return jnp.stack([getattr(part, name) + 0j for part in parts[::-1]])
-
-    determinant = jnp.convolve(along("xx"), along("yy")) - jnp.convolve(along("xy"), along("yx"))
-    fixed = jax.lax.stop_gradient(determinant / determinant[0])
-    axes = jnp.sqrt(jax.lax.stop_gradient(jnp.stack([stiffness.xx, stiffness.yy]) + 0j) / size)
-    begun = jnp.concatenate([axes * (1.0 + 0.01j), -axes * (1.0 - 0.02j)]) * (1.0 + 0.03 * jnp.arange(4))
-
-    def better(_: Array, roots: Array) -> Array:
-        apart = roots[:, None] - roots[None] + jnp.eye(4)
-        return roots - jnp.polyval(fixed, roots) / jnp.prod(apart, axis=1)
-
-    roots = jax.lax.fori_loop(0, ITERATIONS, better, begun)
-    roots = roots[jnp.argsort(-jnp.real(roots))[:2]]
-    slope = jnp.polyder(determinant)
+    parts = (-(unit**2) / size) * own.mass, (1j * unit / size) * own.damping, (1.0 / size) * stiffness
+    xx, xy, yx, yy = ([getattr(part, name) for part in parts] for name in ("xx", "xy", "yx", "yy"))
+    determinant = [a - b for a, b in zip(_product(xx, yy), _product(xy, yx), strict=True)]
+    slope = [power * value for power, value in zip((4.0, 3.0, 2.0, 1.0), determinant, strict=False)]
+    axes = (jnp.sqrt(jax.lax.stop_gradient(at + 0j) / size) for at in (stiffness.xx, stiffness.yy))
+    roots = _roots(jax.lax.stop_gradient([value / determinant[0] for value in determinant]), *axes)
     # One more step, which takes the derivative along.
-    roots = roots - jnp.polyval(determinant, roots) / jax.lax.stop_gradient(jnp.polyval(slope, roots))
-    dynamic = Matrix(*(jnp.polyval(along(name), roots) for name in ("xx", "xy", "yx", "yy")))
-    return _Poles(roots * unit, dynamic, jnp.polyval(slope, roots) * size / unit)
+    at = roots - _polynomial(determinant, roots) / jax.lax.stop_gradient(_polynomial(slope, roots))
+    dynamic = Matrix(*(_polynomial(part, at) for part in (xx, xy, yx, yy)))
+    return _Poles(at * unit, dynamic, _polynomial(slope, at) * size / unit)
+
+
+def _product(one: list[Array], other: list[Array]) -> list[Array]:
+    """Coefficients of the product of two quadratic polynomials."""
+    a, b, c = one
+    d, e, f = other
+    return [a * d, a * e + b * d, a * f + b * e + c * d, b * f + c * e, c * f]
+
+
+def _roots(determinant: list[Array], first: Array, second: Array) -> Complex[Array, "pole"]:
+    """Two roots, begun near these, by Newton's method with the others divided out, of which each is opposite to one of
+    the two, as they are for real matrices (Kerner 1966, Numer. Math. 8:290-294).
+    """
+
+    def better(_: Array, roots: tuple[Array, Array]) -> tuple[Array, Array]:
+        one, other = roots
+        across = one + jnp.conj(other)
+        apart = one - other
+        return (
+            one - _polynomial(determinant, one) / (apart * 2.0 * jnp.real(one) * across),
+            other + _polynomial(determinant, other) / (apart * 2.0 * jnp.real(other) * jnp.conj(across)),
+        )
+
+    return jnp.stack(jax.lax.fori_loop(0, ITERATIONS, better, (first * (1.0 + 0.01j), second * (1.03 + 0.02j))))
 
 
 def _added(model: Model, point: OperatingPoint, rate: Float[Array, ""]) -> Vector:
     """What a sweep adds to the motion of the disk [m]."""
-    poles = _poles(model, point)
-
-    def drive(speed: Array) -> Array:
-        force = assemble(model, point._replace(speed=speed)).drive
-        return jnp.stack([force.x + 0j, force.y + 0j])
-
     order = jnp.where(point.order == 0.0, 1.0, point.order)
+    # What drives the rotor is a parabola over speed: known at three of them, it is at complex ones.
+    nodes = jnp.asarray(NODES) * model.rotor.natural_frequency()
 
-    def part(pole: Array, dynamic: Matrix, slope: Array) -> Array:
-        force, change = jax.jvp(drive, (jnp.real(pole) / order,), (jnp.ones(()),))
-        force = force + 1j * jnp.imag(pole) / order * change
-        moved = jnp.stack([
-            dynamic.yy * force[0] - dynamic.xy * force[1],
-            dynamic.xx * force[1] - dynamic.yx * force[0],
+    def drive(frequency: Array) -> tuple[Array, Array]:
+        force = assemble(model, point._replace(speed=frequency / order)).drive
+        return force.x + 0j, force.y + 0j
+
+    x, y = jax.vmap(drive)(nodes)
+
+    def of_pole(frequency: Array, dynamic: Matrix, slope: Array) -> tuple[Array, Array]:
+        weights = jnp.stack([
+            math.prod((frequency - nodes[k]) / (nodes[own] - nodes[k]) for k in range(len(NODES)) if k != own)
+            for own in range(len(NODES))
         ])  # fmt: skip
-        stable = (jnp.real(pole) > 0.0) & (jnp.imag(pole) > 0.0)
-        return jnp.where(stable, moved / slope * kept(pole, point.frequency, rate * point.order), 0.0)
+        push = Vector(jnp.sum(weights * x), jnp.sum(weights * y))
+        stable = (jnp.real(frequency) > 0.0) & (jnp.imag(frequency) > 0.0)
+        share = jnp.where(stable, kept(frequency, point.frequency, rate * point.order) / slope, 0.0)
+        d = dynamic
+        return share * (d.yy * push.x - d.xy * push.y), share * (d.xx * push.y - d.yx * push.x)
 
-    both = jnp.sum(jax.vmap(part)(*poles), axis=0)
-    return Vector(both[0], both[1])
+    return Vector(*(jnp.sum(part) for part in jax.vmap(of_pole)(*_poles(model, point))))
 
 
 def rate_of(model: Model, condition: Conditions) -> Float[Array, ""]:
