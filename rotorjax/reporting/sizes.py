@@ -32,6 +32,7 @@ WORDS = {
     "log_damping": "damping ratio over 0.05",
     "log_frequency": "natural frequency over the rotor's",
     "loss_x_n_per_m": "loss of stiffness",
+    "rate_rad_per_s2": "rate of the speed",
     "real_m": "runout",
     "sine_n": "force, sine part",
     "sine_n_per_m": "stiffness, sine part",

@@ -44,7 +44,12 @@ ONE_OF_EACH_FAMILY = {"thermal_bow", "cross_coupling", "rub", "time_delay"}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in ONE_OF_EACH_FAMILY else [pytest.mark.campaign]) for name in CATALOG]
+    "name",
+    [
+        pytest.param(name, marks=[] if name in ONE_OF_EACH_FAMILY else [pytest.mark.campaign])
+        for name in CATALOG
+        if name != "sweep_rate"  # test_run_ups.py
+    ],
 )
 def test_every_effect_is_found_on_its_sufficient_plan(name):
     source = hidden_forces if name in TIMED else hidden
