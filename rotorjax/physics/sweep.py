@@ -80,7 +80,7 @@ def _slope_of_faddeeva(at: tuple[Array], change: tuple[Array]) -> tuple[Array, A
     return w, (2j / np.sqrt(np.pi) - 2.0 * at[0] * w) * change[0]
 
 
-def kept(pole: Complex[Array, ""], frequency: Float[Array, ""], rate: Float[Array, ""]) -> Complex[Array, ""]:
+def pole_by_sweep(pole: Complex[Array, ""], frequency: Float[Array, ""], rate: Float[Array, ""]) -> Complex[Array, ""]:
     """What a sweep makes of 1/(ω - p), less that itself; zero without a sweep, and smooth there."""
     distance = pole - frequency
     size = jnp.real(distance) ** 2 + jnp.imag(distance) ** 2
@@ -171,7 +171,7 @@ def _added(model: Model, point: OperatingPoint, rate: Float[Array, ""]) -> Vecto
         ])  # fmt: skip
         push = Vector(jnp.sum(weights * x), jnp.sum(weights * y))
         stable = (jnp.real(frequency) > 0.0) & (jnp.imag(frequency) > 0.0)
-        share = jnp.where(stable, kept(frequency, point.frequency, rate * point.order) / slope, 0.0)
+        share = jnp.where(stable, pole_by_sweep(frequency, point.frequency, rate * point.order) / slope, 0.0)
         d = dynamic
         return share * (d.yy * push.x - d.xy * push.y), share * (d.xx * push.y - d.yx * push.x)
 

@@ -10,7 +10,7 @@ from run_up import swept
 from scipy.special import wofz
 
 from rotorjax import Conditions, Jeffcott, Layout, Model, effects, response
-from rotorjax.physics.sweep import faddeeva, kept
+from rotorjax.physics.sweep import faddeeva, pole_by_sweep
 
 from hidden import Machine
 
@@ -63,7 +63,9 @@ def test_twice_per_turn_sweeps_twice_as_fast():
     poles = [np.sqrt(k / MASS * (1 - z**2)) + 1j * z * np.sqrt(k / MASS) for k, z in zip(STIFFNESS, RATIO, strict=True)]
     for axis, (pole, c) in enumerate(zip(poles, UNEQUAL.damping, strict=True)):
         residue = 1.0 / (1j * c - 2.0 * MASS * pole)
-        one = jax.vmap(lambda at, pole=pole: kept(jnp.asarray(pole), at, jnp.asarray(24.0)))(jnp.asarray(SPEEDS))
+        one = jax.vmap(lambda at, pole=pole: pole_by_sweep(jnp.asarray(pole), at, jnp.asarray(24.0)))(
+            jnp.asarray(SPEEDS)
+        )
         np.testing.assert_allclose(added[:, axis], force[axis] * residue * one, rtol=1e-3, atol=1e-9)
 
 
@@ -77,5 +79,20 @@ def test_the_expansion_meets_the_closed_form():
     for sign, offset in ((s, o) for s in (1.0, -1.0) for o in (-30.0, -3.0, 0.0, 3.0, 30.0)):
         pole = jnp.asarray(offset + 4j)
         edge = abs(complex(pole)) ** 2 / 60.0
-        below, above = (kept(pole, jnp.asarray(0.0), jnp.asarray(sign * edge * f)) for f in (1 - 1e-9, 1 + 1e-9))
+        below, above = (
+            pole_by_sweep(pole, jnp.asarray(0.0), jnp.asarray(sign * edge * f)) for f in (1 - 1e-9, 1 + 1e-9)
+        )
         np.testing.assert_allclose(below, above, rtol=1e-5)
+
+
+def test_an_overdamped_rotor_shows_nearly_what_it_does_at_steady_speeds():
+    """It has no resonance that could be passed. Where one never dies out, what is shown stays finite."""
+
+    def shown(model, rate):
+        return jnp.abs(response(model, Conditions.at(SPEEDS, unbalance=[1e-5, 0.0], sweep=rate)))
+
+    slack = Model(Jeffcott(MASS, STIFFNESS, (1.5, 2.0)))
+    np.testing.assert_allclose(shown(slack, 24.0), shown(slack, 0.0), rtol=1e-3)
+    for model in (slack, Model(Jeffcott(MASS, STIFFNESS, RATIO)) + effects.CrossCoupling(5000.0)):
+        assert np.all(np.isfinite(shown(model, 24.0)))
+        assert np.all(np.isfinite(jax.jacfwd(lambda rate, model=model: shown(model, rate))(24.0)))
