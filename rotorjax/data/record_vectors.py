@@ -98,7 +98,7 @@ class Records:
         **Errors.** `InputError` as for a table.
         """
         rows = [rig.convention.to_table(row) for row in self.rows()]
-        read = rig.measurement(Table(rows, [0] * len(rows), [], self.all_notes), rig.path)
+        read = rig.measurement(Table(rows, [0] * len(rows), self.all_notes, []), rig.path)
         return dataclasses.replace(read, knowledge=dataclasses.replace(read.knowledge, amplitude=None))
 
 

@@ -1,6 +1,7 @@
 """Vectors of recordings against synthetic truth: accuracy, standard errors, run-ups, slow roll, real waveforms."""
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +185,16 @@ def test_a_run_up_at_a_changing_rate_says_that_it_is_biased(rng, tmp_path):
     assert np.mean(np.abs(z - truth) < 2.45 * np.hypot(left, noise)) > 0.9
     assert np.mean(np.abs(z - truth) < 2.45 * noise) < 0.7
     assert "looks like a split resonance" in found.notes[0]
+
+
+def test_a_run_up_is_compared_with_its_rate_and_says_so(rng, tmp_path, capsys):
+    """The unbalance as it is: what is left is noise."""
+    rig = run_up(rng, tmp_path, seconds=6.0, low=1500.0, high=3000.0).path
+    stated = "[runs.baseline]\nunbalance = { magnitude_g_mm = 6.0, angle_deg = 0.0 }\n"
+    rig.write_text(rig.read_text().replace("[runs.baseline]\n", stated))
+    assert main(["compare", "--recordings", str(rig), "--json", str(tmp_path / "c.json")]) == 0
+    assert json.loads((tmp_path / "c.json").read_text())["reduced_chi2"] < 2.0
+    assert "the speed changes by 250 rpm/s" in capsys.readouterr().err
 
 
 def test_a_table_of_a_run_up_keeps_its_rate(rng, tmp_path):
