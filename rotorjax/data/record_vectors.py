@@ -11,6 +11,7 @@ from rotorjax.data.measurement import CLUSTER_WIDTH, Measurement, Row, is_half_o
 from rotorjax.data.pulses import TURN
 from rotorjax.data.record_points import (
     LEFT,
+    MOST_LEFT,
     Point,
     bend,
     blocks,
@@ -181,7 +182,10 @@ def _record(rig: Rig, recorded: Recorded, path: Path, rate: float | None, progre
     points, rate = [wanted(each, orders) for each in points], None if steady else rate_of(points)
     notes += _sweep_note(points, rotor, rate)
     if rate is not None:
-        points = [dataclasses.replace(each, bias=LEFT * each.bias) for each in points]
+        points = [
+            dataclasses.replace(each, bias=np.minimum(LEFT * each.bias, MOST_LEFT * np.abs(each.vectors)))
+            for each in points
+        ]
     return Record(
         recorded.file, recorded.run, found.probes, orders, steady, tuple(points),
         tuple(f"{recorded.file}: {note}" for note in notes), found, rate,
