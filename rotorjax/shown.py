@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rotorjax.data.record_vectors import Records
     from rotorjax.data.rig import Rig
     from rotorjax.reporting.pictures import Plots
 
@@ -36,11 +37,15 @@ class Shown:
 class Reported(Shown):
     """A result that has pictures and a report besides."""
 
-    def report(self, path: str | Path, rig: "Rig | None" = None, *, title: str = "") -> Path:
-        """Write the HTML report, one file that needs no network. **Arguments:** ``rig`` as for `summary`. **Returns**
-        the path.
+    def report(
+        self, path: str | Path, rig: "Rig | None" = None, *, title: str = "", records: "Records | None" = None
+    ) -> Path:
+        """Write the HTML report, one file that needs no network.
+
+        **Arguments:** ``rig`` as for `summary`; ``records``: recordings that the vectors are from, shown as recorded
+        where the rig is given. **Returns** the path.
         """
-        return _results().write_report(Path(path), self, rig, title=title)
+        return _results().write_report(Path(path), self, rig, title=title, records=records)
 
     @property
     def plot(self) -> "Plots":

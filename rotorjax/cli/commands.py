@@ -18,6 +18,7 @@ from rotorjax.errors import InputError
 if TYPE_CHECKING:
     from rotorjax.data.declarations import Slip
     from rotorjax.data.measurement import Measurement
+    from rotorjax.data.record_vectors import Records
     from rotorjax.data.rig import Rig
     from rotorjax.discovery.explanation import Explanation
     from rotorjax.discovery.story import Story
@@ -35,7 +36,7 @@ def compare(options: argparse.Namespace) -> None:
     from rotorjax.reporting.comparison import comparison_text
     from rotorjax.reporting.comparison_json import comparison_json
 
-    rig, measurement = _measured(options)
+    rig, measurement, records = _measured(options)
     slip, named = parse_slip(options.effect, rig.model, measurement)
     additions, fixed = parse_effects(named, rig.model.with_orders(measurement.orders))
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
@@ -53,6 +54,7 @@ def compare(options: argparse.Namespace) -> None:
         story,
         source.name if options.recordings else f"{source.name} against {options.rig.name}",
         story.slip,
+        records,
     )
 
 
@@ -64,6 +66,7 @@ def _write_outputs(
     result: "Story | Explanation",
     title: str,
     slip: "Slip | None",
+    records: "Records | None",
 ) -> None:
     """The files that a comparison or an explanation was asked for."""
     if options.write_rig and not rig.write(options.write_rig, model, slip):
@@ -72,7 +75,7 @@ def _write_outputs(
     if options.json:
         _write_json(options.json, content)
     if options.report:
-        result.report(options.report, rig, title=title)
+        result.report(options.report, rig, title=title, records=records)
         say(f"\nReport: {options.report}")
 
 
@@ -94,7 +97,7 @@ def explain(options: argparse.Namespace) -> None:
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
-        rig, measurement = _measured(options, progress)
+        rig, measurement, records = _measured(options, progress)
         refuse_what_cannot_be_missing(only or (), rig, measurement)
         found = explain(
             rig.model,
@@ -114,6 +117,7 @@ def explain(options: argparse.Namespace) -> None:
         found,
         f"{source.name}: what {'the model' if options.recordings else options.rig.name} lacks",
         found.slip,
+        records,
     )
 
 
@@ -125,7 +129,7 @@ def diagnose(options: argparse.Namespace) -> None:
     from rotorjax.diagnosis.inverse import diagnose
     from rotorjax.reporting.diagnosis import diagnosis_json, diagnosis_text
 
-    rig, measurement = _measured(options)
+    rig, measurement, _ = _measured(options)
     try:
         diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
     except ValueError as error:
@@ -204,20 +208,21 @@ def example(options: argparse.Namespace) -> None:
 
 def _measured(
     options: argparse.Namespace, progress: "Callable[[str], None] | None" = None
-) -> "tuple[Rig, Measurement]":
-    """Rig file and vectors, from a table or from recordings. **Arguments:** ``progress`` of the recordings; a line of
-    their own without it.
+) -> "tuple[Rig, Measurement, Records | None]":
+    """Rig file and vectors, from a table or from recordings, and these.
+
+    **Arguments:** ``progress`` of the recordings; a line of their own without it.
     """
     if options.recordings:
         with progress_line() if progress is None else contextlib.nullcontext(progress) as told:
-            rig, measurement = read_recorded(options, told)
+            rig, measurement, records = read_recorded(options, told)
     else:
         from rotorjax.data.rig import read_measurement, read_rig
 
         rig = read_rig(options.rig)
-        measurement = read_measurement(options.data, rig)
+        measurement, records = read_measurement(options.data, rig), None
     note(measurement.notes)
-    return rig, measurement
+    return rig, measurement, records
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

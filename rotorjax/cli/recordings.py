@@ -12,6 +12,7 @@ from rotorjax.errors import InputError
 if TYPE_CHECKING:
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.record_scan import Progress
+    from rotorjax.data.record_vectors import Records
     from rotorjax.data.rig import Rig
 
 
@@ -64,14 +65,15 @@ def table_or_recordings(options: argparse.Namespace) -> Path:
     return options.recordings
 
 
-def read_recorded(options: argparse.Namespace, progress: "Progress") -> "tuple[Rig, Measurement]":
-    """A rig file and the vectors of its recordings."""
+def read_recorded(options: argparse.Namespace, progress: "Progress") -> "tuple[Rig, Measurement, Records]":
+    """A rig file, the vectors of its recordings, and these."""
     from rotorjax.data.record_vectors import read_recordings
     from rotorjax.data.rig import read_rig
 
     rig = read_rig(options.recordings)
     _keep_recordings(options, rig)
-    return rig, read_recordings(rig, progress=progress).measurement(rig)
+    records = read_recordings(rig, progress=progress)
+    return rig, records.measurement(rig), records
 
 
 def _keep_recordings(options: argparse.Namespace, rig: "Rig") -> None:

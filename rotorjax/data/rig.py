@@ -39,6 +39,7 @@ from rotorjax.model.conditions import Layout, Probes
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.model.rotor import Jeffcott
+from rotorjax.units import RPM
 
 _SECTIONS = (
     "rotor",
@@ -165,6 +166,7 @@ def to_rows(measurement: Measurement) -> list[Row]:
                 float(np.degrees(np.angle(z))),
                 sigma,
                 measurement.repeat[case],
+                float(measurement.conditions.sweeps[case] / RPM),
             )
         )
     return rows

@@ -9,6 +9,7 @@ import numpy as np
 from rotorjax.data.files import write_whole
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import harmless
+from rotorjax.data.record_vectors import Records
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.compare import Comparison
@@ -28,6 +29,7 @@ from rotorjax.reporting.comparison import (
 )
 from rotorjax.reporting.explanation import explanation_page, explanation_text, headline
 from rotorjax.reporting.page import Headline, html_report
+from rotorjax.reporting.pictures.recorded import recorded_pictures
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM, unit_of
 
@@ -48,21 +50,29 @@ def summary(result: Any, rig: Rig | None = None) -> str:
     )
 
 
-def write_report(path: Path, result: Explanation | Story, rig: Rig | None = None, *, title: str = "") -> Path:
+def write_report(
+    path: Path,
+    result: Explanation | Story,
+    rig: Rig | None = None,
+    *,
+    title: str = "",
+    records: Records | None = None,
+) -> Path:
     """Write the HTML report of a comparison or of an explanation."""
     convention = Convention() if rig is None else rig.convention
+    recorded = recorded_pictures(rig, records) if rig is not None and records is not None else []
     if isinstance(result, Story):
         first = pictures.first_pictures(result)
         page = comparison_page(
             result,
             title=title or "Model and measurement",
-            pictures=pictures.story_pictures(result, convention.phase),
+            pictures=[*pictures.story_pictures(result, convention.phase), *recorded],
             first=first,
             convention=convention,
         )
     else:
         first = pictures.first_pictures(result.story)
-        every = pictures.explanation_pictures(result, convention.phase)
+        every = [*pictures.explanation_pictures(result, convention.phase), *recorded]
         page = explanation_page(result, title=title or "What the model lacks", pictures=every, first=first, rig=rig)
     write_whole(path, html_report(page))
     return path

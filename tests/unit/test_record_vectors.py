@@ -192,9 +192,11 @@ def test_a_run_up_is_compared_with_its_rate_and_says_so(rng, tmp_path, capsys):
     rig = run_up(rng, tmp_path, seconds=6.0, low=1500.0, high=3000.0).path
     stated = "[runs.baseline]\nunbalance = { magnitude_g_mm = 6.0, angle_deg = 0.0 }\n"
     rig.write_text(rig.read_text().replace("[runs.baseline]\n", stated))
-    assert main(["compare", "--recordings", str(rig), "--json", str(tmp_path / "c.json")]) == 0
-    assert json.loads((tmp_path / "c.json").read_text())["reduced_chi2"] < 2.0
+    report, told = tmp_path / "c.html", tmp_path / "c.json"
+    assert main(["compare", "--recordings", str(rig), "--json", str(told), "--report", str(report)]) == 0
+    assert json.loads(told.read_text())["reduced_chi2"] < 2.0
     assert "the speed changes by 250 rpm/s" in capsys.readouterr().err
+    assert "probe X: spectra, each raised to its speed" in report.read_text(encoding="utf-8")
 
 
 def test_a_table_of_a_run_up_keeps_its_rate(rng, tmp_path):
@@ -202,6 +204,9 @@ def test_a_table_of_a_run_up_keeps_its_rate(rng, tmp_path):
     main(["vectors", str(rig.path), "--output", str(tmp_path / "v.csv")])
     rows = read_table(tmp_path / "v.csv").rows
     assert [row.sweep_rpm_per_s for row in rows] == pytest.approx([250.0] * len(rows), rel=1e-4)
+    like = ["--like", str(tmp_path / "v.csv"), "--output", str(tmp_path / "w.csv")]
+    assert main(["simulate", "--rig", str(rig.path), *like]) == 0
+    assert {row.sweep_rpm_per_s for row in read_table(tmp_path / "w.csv").rows} == {rows[0].sweep_rpm_per_s}
 
 
 # Pictures
