@@ -1,10 +1,10 @@
 """The whole of `explain` on rotors with more detail than its model: drawn, explained, scored.
 
 Cases are those of `benchmarks/detailed`: integrated in time by code that shares nothing with rotorjax. Rows are kept as
-they end; given the same folder again, the rest is done. Seeds below 1160 are for development.
+they end; given the same folder again, the rest is done. Seeds below 1200 are for development.
 
-    python experiments/campaign.py --first 1160 --seeds 200 --output output/campaign
-    python experiments/campaign.py --first 1160 --seeds 200 --write output/cases        # files for another tool
+    python experiments/campaign.py --first 1200 --seeds 200 --output output/campaign
+    python experiments/campaign.py --first 1200 --seeds 200 --write output/cases        # files for another tool
     python experiments/campaign.py --score answers.csv --truth output/cases-answers.jsonl --output output/other
 """
 
@@ -33,7 +33,7 @@ from scoring import judged, read_answers, read_rows
 
 ROWS = "rows.jsonl"
 """All rows of a run, to be scored again."""
-SEEN = 1160
+SEEN = 1200
 """Seeds below were looked at while the method and the cases were made."""
 
 
