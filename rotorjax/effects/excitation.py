@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from rotorjax.model.contract import (
+    AbstractRotor,
     Excitation,
     ExcitationEffect,
     Family,
@@ -14,6 +15,7 @@ from rotorjax.model.contract import (
     SweepEffect,
     parameter,
 )
+from rotorjax.units import RPM
 
 
 class ResidualUnbalance(ExcitationEffect):
@@ -128,3 +130,12 @@ class SweepRate(SweepEffect):
 
     def added_sweep(self) -> Array:
         return self.rate_rad_per_s2
+
+    def remark(self, rotor: AbstractRotor) -> str | None:
+        rate = float(self.rate_rad_per_s2) / RPM
+        if rate == 0.0:
+            return None
+        return (
+            f"means that the speed changed by {rate:.3g} rpm/s while vectors were read: state it in a column "
+            "sweep_rpm_per_s of the table, or dwell at each speed"
+        )

@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from run_up import swept
 from scipy.special import wofz
 
 from rotorjax import Conditions, Jeffcott, Layout, Model, effects, response
 from rotorjax.physics.sweep import faddeeva, pole_by_sweep
 
 from hidden import Machine
+from run_up import swept
 
 MASS, STIFFNESS, RATIO = 1.0, (29000.0, 27000.0), (0.013, 0.02)
 UNEQUAL, ISOTROPIC = Machine(MASS, STIFFNESS, RATIO), Machine(MASS, (29000.0, 29000.0), (0.02, 0.02))

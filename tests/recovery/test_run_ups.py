@@ -4,11 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from run_up import swept
 
 from rotorjax import Conditions, Jeffcott, Measurement, Model, compare, explain
+from rotorjax.reporting.explanation import notes
 
 from hidden import Machine
+from run_up import swept
 
 MACHINE = Machine(1.0, (29000.0, 27000.0), (0.013, 0.02))
 SPEEDS = np.linspace(120.0, 230.0, 30)
@@ -36,6 +37,7 @@ def test_the_rate_is_found(rate):
     estimate = found.story.fits[-1].estimate("sweep_rate", "rate_rad_per_s2")
     assert abs(estimate.value - rate) < 4.0 * estimate.standard_error + 2e-3 * abs(rate)
     assert estimate.standard_error < 0.02
+    assert any("state it in a column sweep_rpm_per_s" in line for line in notes(found))
 
 
 def test_with_an_unbalance_beside_it():
