@@ -86,9 +86,7 @@ class Records:
                 count = seen[record.run, speed] = seen.get((record.run, speed), 0) + 1
                 for p, probe in enumerate(record.probes):
                     rows += [
-                        _row(each, record.run, probe, (p, n), (speed, order), str(count) if count > 1 else "")._replace(
-                            sweep_rpm_per_s=float(f"{(record.rate or 0.0) / RPM:.6g}")
-                        )
+                        _row(each, record, probe, (p, n), (speed, order), str(count) if count > 1 else "")
                         for n, order in enumerate(record.orders)
                     ]
         return rows
@@ -103,14 +101,15 @@ class Records:
         return dataclasses.replace(read, knowledge=dataclasses.replace(read.knowledge, amplitude=None))
 
 
-def _row(each: Point, run: str, probe: str, cell: tuple[int, int], at: tuple[float, float], repeat: str) -> Row:
+def _row(each: Point, record: Record, probe: str, cell: tuple[int, int], at: tuple[float, float], repeat: str) -> Row:
     """One vector of a point, at a speed [rpm] and an order, in µm and degrees."""
     z = each.vectors[cell] / MICROMETRE
     sigma = float(np.hypot(each.sigma[cell], each.bias[cell])) / MICROMETRE
     amplitude, phase = float(f"{abs(z):.6g}"), round(float(np.degrees(np.angle(z))), 3)
     if at[1] == 0.0:
         phase = 0.0 if z.real >= 0.0 else 180.0
-    return Row(run, at[0], probe, at[1], amplitude, phase, float(f"{max(sigma, LEAST_UM):.3g}"), repeat)
+    rounded, rate = float(f"{max(sigma, LEAST_UM):.3g}"), float(f"{(record.rate or 0.0) / RPM:.6g}")
+    return Row(record.run, at[0], probe, at[1], amplitude, phase, rounded, repeat, rate)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

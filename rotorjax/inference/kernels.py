@@ -8,6 +8,7 @@ finds it in the cache.
 import dataclasses
 import functools
 import itertools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -20,6 +21,7 @@ from rotorjax.arrays import numpy_pair
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.inference.space import Space
 from rotorjax.model.conditions import Conditions
+from rotorjax.model.model import Model
 from rotorjax.physics.harmonic_balance import Grid, grid_of
 from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
@@ -93,7 +95,7 @@ class Kernels:
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
         bare = dataclasses.replace(space, model=nameless(space.model), entries=())
         self._linear, self._swept = (
-            compiled(kernel, bare, space.model, LINEAR_CHUNK) for kernel in (_linear, _added_by_sweep)
+            compiled(kernel, bare, space.model, LINEAR_CHUNK) for kernel in (_linear, _sweep_of_fit)
         )
         self._sweeping = np.flatnonzero(space.sweeping())
         # Read at the usual orders too: whichever of them were measured, the compiled code is the same.
@@ -220,30 +222,27 @@ def _one_hot(columns: Array, size: int) -> Float[Array, "column param"]:
     return (jnp.asarray(columns)[:, None] == jnp.arange(size)[None]).astype(float)
 
 
-def _linear(
-    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array
+def _linear(space: Space, unknowns: Array, columns: Array, *conditions: Array) -> tuple[Array, Array]:
+    return _with_slopes(linear_vectors, space, unknowns, columns, *conditions)
+
+
+def _sweep_of_fit(space: Space, unknowns: Array, columns: Array, *conditions: Array) -> tuple[Array, Array]:
+    return _with_slopes(added_by_sweep, space, unknowns, columns, *conditions)
+
+
+def _with_slopes(
+    vectors: Callable[[Model, Conditions], Array], space: Space, unknowns: Array, columns: Array, *conditions: Array
 ) -> tuple[Array, Array]:
+    """Vectors of the rotor without forces that depend on motion, and their slopes."""
+
     def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
         def shown(at: Array) -> Array:
-            return linear_vectors(without_timed(space.at(at)), Conditions(*condition))
+            return vectors(without_timed(space.at(at)), Conditions(*condition))
 
         value, push = jax.linearize(shown, u)
         return value, jax.vmap(push)(_one_hot(wanted, len(u)))
 
-    return jax.vmap(row)(unknowns, columns, speed, unbalance, bow)
-
-
-def _added_by_sweep(
-    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, sweep: Array
-) -> tuple[Array, Array]:
-    def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
-        def added(at: Array) -> Array:
-            return added_by_sweep(without_timed(space.at(at)), Conditions(*condition))
-
-        value, push = jax.linearize(added, u)
-        return value, jax.vmap(push)(_one_hot(wanted, len(u)))
-
-    return jax.vmap(row)(unknowns, columns, speed, unbalance, bow, sweep)
+    return jax.vmap(row)(unknowns, columns, *conditions)
 
 
 class _Along(NamedTuple):

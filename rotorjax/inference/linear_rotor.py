@@ -51,7 +51,7 @@ class LinearRotor:
         full = with_company(without_timed(model), linear)
         self._slow_roll = None if model.slow_roll is None else float(model.slow_roll)
         self._rotor, self._swept = (
-            compiled(kernel, nameless(full), full, LINEAR_CHUNK) for kernel in (_linear_rotor, _added_by_sweep)
+            compiled(kernel, nameless(full), full, LINEAR_CHUNK) for kernel in (_linear_rotor, _sweep_of_rotor)
         )
         self._rate = sum(float(e.added_sweep()) for e in model.effects if isinstance(e, SweepEffect))
 
@@ -102,7 +102,7 @@ def _on_disk(vectors: Callable[[Model, Conditions], Array], model: Model, at: Co
     return jax.vmap(push)(jnp.eye(4))
 
 
-def _added_by_sweep(model: Model, *conditions: Array) -> tuple[Array, ...]:
+def _sweep_of_rotor(model: Model, *conditions: Array) -> tuple[Array, ...]:
     def row(*condition: Array) -> tuple[Array, ...]:
         at = Conditions(*condition)
         return added_by_sweep(model, at), _on_disk(added_by_sweep, model, at)
