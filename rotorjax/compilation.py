@@ -1,6 +1,7 @@
 """Compilation as a process sets it up, what it holds on to, and how that is let go."""
 
 import ctypes
+import functools
 import os
 import sys
 from pathlib import Path
@@ -10,10 +11,25 @@ MOST_MAPS = 30_000
 compilation beyond them ends the process.
 """
 
+QUICK_TO_COMPILE: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
+"""Options of the compiler with which large programs take some two thirds of the time, and run as fast."""
+
+
+@functools.cache
+def compiler_options() -> dict[str, bool | int]:
+    """Those options, where the installed compiler knows them."""
+    import jax  # noqa: PLC0415  what needs no JAX starts without it
+
+    try:
+        jax.jit(lambda x: x, compiler_options=QUICK_TO_COMPILE)(0.0)
+    except jax.errors.JaxRuntimeError:
+        return {}
+    return QUICK_TO_COMPILE
+
 
 def use_double_precision() -> None:
     """Double precision, and compiled programs kept for the next process."""
-    import jax  # noqa: PLC0415  what needs no JAX starts without it
+    import jax  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
     if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():

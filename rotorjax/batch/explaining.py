@@ -1,11 +1,9 @@
 """`explain` as one case of many: a table and a rig file, or a rig file and its recordings, become a row."""
 
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rotorjax.compilation import spare_memory_maps, use_double_precision
-from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import harmless
 from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import Rig, read_measurement, read_rig
@@ -108,7 +106,7 @@ def _explained(task: Task) -> dict[str, Any]:
         )
     rig = read_rig(task.rig)
     measurement = read_recordings(rig).measurement(rig) if task.data is None else read_measurement(task.data, rig)
-    refuse_what_cannot_be_missing(task.only or (), rig, measurement)
+    rig.check_only(task.only or (), measurement)
     found = explain(
         rig.model,
         measurement,
@@ -140,18 +138,6 @@ def _write_report(path: Path, found: Explanation, rig: Rig, title: str) -> None:
         write_report(path, found, rig, title=title)
     except InputError as error:
         raise OSError(str(error)) from error
-
-
-def refuse_what_cannot_be_missing(only: Collection[str], rig: Rig, measurement: Measurement) -> None:
-    """`InputError` if an effect that alone may be missing is in the model already, or is estimated in any case."""
-    declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
-    if held := [name for name in only if name in rig.model or name in declared]:
-        how = (
-            "declares it uncertain, so that it is fitted in any case"
-            if held[0] in declared
-            else "has it in [effects] already"
-        )
-        raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
 
 
 def row_of(found: Explanation, rig: Rig) -> dict[str, Any]:

@@ -92,13 +92,12 @@ def explain(options: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress(f"reading {source}")
         use_double_precision()
-        from rotorjax.batch.explaining import refuse_what_cannot_be_missing
         from rotorjax.discovery.explain import explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
         rig, measurement, records = _measured(options, progress)
-        refuse_what_cannot_be_missing(only or (), rig, measurement)
+        rig.check_only(only or (), measurement)
         found = explain(
             rig.model,
             measurement,

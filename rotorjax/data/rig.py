@@ -1,7 +1,7 @@
 """Rig files (TOML): what the rotor is, how it is read, what was installed in each run, what the user is unsure of."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +97,17 @@ class Rig:
         """
         path = Path(name)
         return self.measurement(parse_table(text, path, probes=self.model.layout.probes), path)
+
+    def check_only(self, only: Collection[str], measurement: Measurement) -> None:
+        """`InputError` if an effect that alone may be missing is in the model already, or is estimated in any case."""
+        declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
+        if held := [name for name in only if name in self.model or name in declared]:
+            how = (
+                "declares it uncertain, so that it is fitted in any case"
+                if held[0] in declared
+                else "has it in [effects] already"
+            )
+            raise InputError(f"--only {held[0]}: the rig file {how}; leave it out here, or there")
 
     def _missing_run(self, run: str, table: Table, path: Path) -> str:
         line = next(n for row, n in zip(table.rows, table.lines, strict=True) if row.run == run)

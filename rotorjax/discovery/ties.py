@@ -90,8 +90,8 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
 
     An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3, or
     if it fits as well and is behind for the size of its force alone. Whether it then predicts the same, or differs and
-    fits no worse, is told with it. One with more determined parameters that fits no better contains the answer: that is
-    no tie.
+    fits no worse, is told with it. One with more determined parameters that fits no better, or not by so much that
+    these would pay, contains the answer: that is no tie.
     """
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)
@@ -119,21 +119,25 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         alternative = Alternative(
             tuple(sorted(gone)), tuple(sorted(instead)), gap, other, _apart(contest, noise, winner.best, other.best)
         )
-        if (
-            gap > 0.0
-            and _determined(other.best) > _determined(winner.best)
-            and abs(other.best.cost - winner.best.cost) < AS_GOOD
-        ):
-            if len(instead) <= len(gone) or instead <= set(
-                itertools.chain.from_iterable(catalog[name].relatives for name in gone)
-            ):
+        larger = gap > 0.0 and _determined(other.best) > _determined(winner.best)
+        better = winner.best.cost - other.best.cost
+        if larger and abs(better) < AS_GOOD:
+            if _takes_the_place(instead, gone, catalog):
                 contains.append(alternative)
         elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
             tied.append(alternative)
+        elif larger and better >= AS_GOOD and _takes_the_place(instead, gone, catalog):
+            contains.append(alternative)
     tied += _within_tolerance(contest, selection, noise, by_itself, winner)
     every, small = _simplest(tied), frozenset(selection.small)
     of_small = tuple(t for t in every if t.instead_of and small >= set(t.instead_of))
     return Ties(tuple(t for t in every if t not in of_small), of_small, tuple(contains), winner, found)
+
+
+def _takes_the_place(instead: Effects, gone: Effects, catalog: Mapping[str, type[Effect]]) -> bool:
+    """Whether effects are no more than those that they replace, or relatives of these."""
+    relatives = itertools.chain.from_iterable(catalog[name].relatives for name in gone)
+    return len(instead) <= len(gone) or instead <= set(relatives)
 
 
 def _tolerance_by_itself(contest: Contest, noise: Noise, winner: Contender) -> Data | None:

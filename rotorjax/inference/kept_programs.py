@@ -18,6 +18,7 @@ from typing import Any
 import jax
 from jax import export
 
+from rotorjax.compilation import compiler_options
 from rotorjax.data.files import write_whole
 from rotorjax.errors import InputError
 
@@ -37,7 +38,8 @@ def kept_program(function: Callable[..., Any], made_of: str, arguments: tuple[An
             traced = export.export(jax.jit(function))(*arguments)
             found = traced.serialize()
             _write(file, bytes(found))
-    return jax.jit(function if found is None else export.deserialize(bytearray(found)).call)
+    call = function if found is None else export.deserialize(bytearray(found)).call
+    return jax.jit(call, compiler_options=compiler_options())
 
 
 def _file(made_of: str, arguments: tuple[Any, ...]) -> Path | None:

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from rotorjax.compilation import release_freed_memory
+from rotorjax.compilation import compiler_options, release_freed_memory
 from rotorjax.inference.kept_programs import kept_program
 from rotorjax.model.conditions import Layout
 from rotorjax.model.model import Model
@@ -69,7 +69,7 @@ class Program:
         return (
             kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows))
             if self._ours
-            else jax.jit(kernel)
+            else jax.jit(kernel, compiler_options=compiler_options())
         )
 
 
