@@ -19,11 +19,11 @@ SHARE = 0.95
 def answer(found: Explanation) -> dict[str, Any]:
     """Verdict, names, probabilities, what ties, sizes with intervals of 90 %, and cost."""
     joint = _joint(found)
-    named = frozenset(found.named)
+    whole = frozenset(found.named) | {small.effect for small in found.detected_but_small}
     return {
         "verdict": found.verdict,
         "named": list(found.named),
-        "probability": None if found.verdict == "unexplained" else joint.get(named, 0.0),
+        "probability": None if found.verdict == "unexplained" else joint.get(whole, 0.0),
         "step_probability": None if found.verdict == "unexplained" else _by_steps(found),
         "set95": [sorted(names) for names in _smallest(joint)],
         "ties": [sorted(names) for names in _alternatives(found, found.ties.tied)]
@@ -60,15 +60,14 @@ def _of_mistake(found: Explanation) -> float:
 
 
 def _joint(found: Explanation) -> dict[frozenset[str], float]:
-    """Named set -> probability among all sets that were fitted under the noise that the answer leaves, its swaps and
-    additions; mistakes other than the one in the answer take their share.
+    """Set, with what is too small to matter -> probability among all sets that were fitted under the noise that the
+    answer leaves, its swaps and additions; mistakes other than the one in the answer take their share.
     """
-    small = {s.effect for s in found.detected_but_small}
     mistake = () if found.slip is None else (found.slip.name,)
     contenders = [*found.ties.raced.values(), found.ties.winner, *(r.contender for r in found.rankings[-1])]
     logs: dict[frozenset[str], float] = {}
     for c in contenders:
-        log, names = found.contest.log_posterior(c), frozenset((*mistake, *(set(c.effects) - small)))
+        log, names = found.contest.log_posterior(c), frozenset((*mistake, *c.effects))
         if math.isfinite(log):
             logs[names] = max(log, logs.get(names, -math.inf))
     if not logs:
@@ -79,7 +78,7 @@ def _joint(found: Explanation) -> dict[frozenset[str], float]:
     joint = {names: share * w / total for names, w in weights.items()}
     scores = [other.score for other in found.written.ranked]
     for other in found.written.ranked[1:]:
-        names = frozenset(other.named)
+        names = frozenset((*other.named, *other.selection.small))
         joint[names] = joint.get(names, 0.0) + share * math.exp(max(other.score - scores[0], -700.0))
     return joint
 

@@ -310,7 +310,7 @@ def with_set(rows: Sequence[Row]) -> list[Row]:
 
 
 def _in_set(row: Row) -> bool:
-    return any(_fits(row, names, small(row)) for names in map(frozenset, row["set95"]))
+    return any(needed(row) <= names <= true(row) for names in map(frozenset, row["set95"]))
 
 
 def mean_set(rows: Sequence[Row]) -> float | None:

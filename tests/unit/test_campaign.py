@@ -122,6 +122,16 @@ def test_rates_and_intervals():
     assert (found.error, found.brier) == pytest.approx((0.0, 0.09))
 
 
+@pytest.mark.parametrize(
+    ("sets", "holds"),
+    [([["rub"], ["duffing"]], 1), ([["duffing", "gyroscopic"]], 1), ([["duffing", "rub"]], 0), ([[], ["rub"]], 0)],
+)
+def test_a_set_holds_the_truth_whatever_is_too_small_to_matter(sets, holds):
+    rows = [row(named=[], small=["rub"], verdict="nothing missing", set95=sets)]
+    found = {r.name: r for r in scoring.rates(rows)}
+    assert found["set of 95 %: holds the truth"].count == holds
+
+
 def test_answers_of_another_tool(tmp_path):
     cases = [row(seed=k) for k in range(3)]
     path, true = tmp_path / "answers.csv", tmp_path / "truth.jsonl"
