@@ -1,8 +1,8 @@
 """Whether something was written down wrongly: changes of what rig file and table state, in the race with effects.
 
-For each change all effects without a force that depends on motion are fitted at once. No set of them can do better, so
-that what misses by more than the best answer known need not be searched; what may come near is searched as the
-original is.
+For each change all effects are fitted at once but those that cost many times as much: forces that depend on motion, and
+a sweep. No set of them can do better, so that what misses by more than the best answer known need not be searched; what
+may come near is searched as the original is.
 """
 
 import dataclasses
@@ -14,13 +14,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rotorjax.data.declarations import Slip, log_odds, promising, slips
-from rotorjax.discovery.contest import Contender, Contest, misfit_left
+from rotorjax.discovery.contest import Contender, Contest, Effects, misfit_left
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 from rotorjax.inference.squares import squares_of
+from rotorjax.model.contract import SweepEffect
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
@@ -257,18 +258,19 @@ def _near(
     Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count.
     """
     contest = own.selection.contest
-    timed = own.selection.present & contest.timed if beside_forces else frozenset()
+    dear = _dear(contest)
+    beside = own.selection.present & dear if beside_forces else frozenset()
     if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:
         likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost]
-        if timed:
+        if beside:
             likely += [one for one in screened if _of_weight(one.change) and one not in likely]
         return sorted(likely, key=lambda one: one.cost)[:MOST_SEARCHED]
-    if timed:
+    if beside:
         possible = [one for one in screened if HALVED * one.end.cost < stated.end.cost]
         stated, *screened = (_screened(one.change, noise, own) for one in (stated, *possible))
     least = _least(own, noise)
     near = [one for one in screened if -one.cost > least and _differs(one, stated)]
-    kept = tuple(name for name in contest.candidates if name not in contest.timed or name in timed)
+    kept = tuple(name for name in contest.candidates if name not in dear or name in beside)
     return [one._replace(change=one.change.among(kept)) for one in sorted(near, key=lambda one: one.cost)]
 
 
@@ -296,7 +298,7 @@ def _screened(
     contest = change.contest
     start, free = contest.space.given_unknowns() if start is None else start, _linear(contest)
     if own is not None:
-        forces = contest.only_of(own.selection.present & contest.timed)
+        forces = contest.only_of(own.selection.present & _dear(contest))
         best = own.selection.known[own.selection.present].best
         start, free = np.where(forces, best.point, start), free | forces
     data, budget = contest.data(noise, start), contest.budget
@@ -306,7 +308,14 @@ def _screened(
 
 
 def _linear(contest: Contest) -> Bool[np.ndarray, "param"]:
-    return contest.free(frozenset(contest.candidates) - contest.timed)
+    return contest.free(frozenset(contest.candidates) - _dear(contest))
+
+
+def _dear(contest: Contest) -> Effects:
+    """Effects that are fitted beside a change only where the answer has them: forces that depend on motion, and a
+    sweep.
+    """
+    return contest.timed | {e.name for e in contest.space.model.effects if isinstance(e, SweepEffect)}
 
 
 def _differs(one: _Screened, other: _Screened) -> bool:

@@ -48,6 +48,36 @@ class Noise(NamedTuple):
 NO_SCATTER, NO_NOISE = RunScatter(), Noise()
 
 
+class OfRuns(NamedTuple):
+    """What is random in every run: one unit of each of its independent parts does this to the vectors [m]."""
+
+    measurement: Measurement
+    columns: Float[np.ndarray, "case cell common"]
+
+    @classmethod
+    def of(cls, measurement: Measurement, model: Model, scatter: RunScatter) -> "OfRuns":
+        """**Arguments:** ``model``: where the sensitivity to unbalance and bow is taken."""
+        cases, cells = len(measurement.run), 2 * measurement.vectors[0].size
+        factor = _scatter_factor(measurement, model, scatter)
+        if not np.any(factor):
+            return cls(measurement, np.zeros((cases, cells, 0)))
+        slopes = fault_sensitivity(model, measurement.conditions).reshape(cases, cells, 4)
+        by_run = np.zeros((cases, cells, len(measurement.runs), 4))
+        by_run[np.arange(cases), :, measurement.run] = np.einsum("cmd,cdl->cml", slopes, factor[measurement.run])
+        return cls(measurement, by_run.reshape(cases, cells, -1))
+
+    def with_form(self, allowance: float, *, form: bool = True) -> Float[np.ndarray, "case cell common"]:
+        """In standard errors, with the error of the model's form. **Arguments:** ``allowance``: added to the table's
+        standard errors [m].
+        """
+        weight = self.measurement.weights(allowance)
+        parts = [weight.reshape(*self.columns.shape[:2], 1) * self.columns]
+        if form and self.measurement.knowledge.tolerance > 0.0:
+            parts.append(_form_error(self.measurement, weight))
+        common = np.concatenate(parts, axis=-1)
+        return common[..., np.any(common != 0.0, axis=(0, 1))]
+
+
 def common_errors(
     measurement: Measurement, model: Model, noise: Noise, *, form: bool = True
 ) -> Float[np.ndarray, "case cell common"]:
@@ -56,20 +86,7 @@ def common_errors(
     **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to add to the
     table's; ``form``: with the error of the model's form.
     """
-    weight = measurement.weights(noise.allowance)
-    cells = weight.reshape(len(weight), -1)
-    parts = [np.zeros((*cells.shape, 0))]
-    factor = _scatter_factor(measurement, model, noise.scatter)
-    if np.any(factor):
-        slopes = fault_sensitivity(model, measurement.conditions).reshape(*cells.shape, 4)
-        by_run = np.zeros((*cells.shape, len(measurement.runs), 4))
-        own = cells[..., None] * np.einsum("cmd,cdl->cml", slopes, factor[measurement.run])
-        by_run[np.arange(len(cells)), :, measurement.run] = own
-        parts.append(by_run.reshape(*cells.shape, -1))
-    if form and measurement.knowledge.tolerance > 0.0:
-        parts.append(_form_error(measurement, weight))
-    common = np.concatenate(parts, axis=-1)
-    return common[..., np.any(common != 0.0, axis=(0, 1))]
+    return OfRuns.of(measurement, model, noise.scatter).with_form(noise.allowance, form=form)
 
 
 def _scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter) -> Float[np.ndarray, "run dof latent"]:

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import Measurement, cluster_speeds, is_half_order
-from rotorjax.inference.covariance import NO_NOISE, NO_SCATTER, Noise, RunScatter, common_errors
+from rotorjax.inference.covariance import NO_NOISE, NO_SCATTER, Noise, OfRuns, RunScatter, common_errors
 from rotorjax.inference.faults import fault_sensitivity
 from rotorjax.model.model import Model
 
@@ -191,9 +191,18 @@ def whitened_residual(
     **Arguments:** ``residual`` [m]; ``model``: where the sensitivity to those is taken; ``noise``: what to add to the
     table's, which must be known.
     """
-    weight = measurement.weights(noise.allowance)
+    return _whitened(measurement, residual, noise.allowance, common_errors(measurement, model, noise))
+
+
+def _whitened(
+    measurement: Measurement,
+    residual: Complex[np.ndarray, "case probe order"],
+    allowance: float,
+    common: Float[np.ndarray, "case cell common"],
+) -> Float[np.ndarray, "number"]:
+    weight = measurement.weights(allowance)
     errors, counted = numpy_pair(residual) * weight, weight.ravel() > 0.0
-    common = common_errors(measurement, model, noise).reshape(len(counted), -1)[counted]
+    common = common.reshape(len(counted), -1)[counted]
     if not common.shape[1]:
         return errors.ravel()[counted]
     factor = np.linalg.cholesky(np.eye(len(common)) + common @ common.T)
@@ -239,15 +248,16 @@ def misfit_of(
         counted[:, :, np.array(measurement.orders) == 0.0, 1] = False
         total = float(np.sum(numpy_pair(residual)[counted] ** 2)) / max(1, int(counted.sum()) - fitted)
         return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)
-    allowance = floor.allowance
+    allowance, of_runs = floor.allowance, OfRuns.of(measurement, model, floor.scatter)
     for _ in range(MOST_ROUNDS):
-        errors = whitened_residual(measurement, model, residual, Noise(allowance, floor.scatter))
+        common = of_runs.with_form(allowance)
+        errors = _whitened(measurement, residual, allowance, common)
         chi2 = float(errors @ errors) / max(1, len(errors) - fitted)
         if allowance == floor.allowance and chi2 <= LARGEST_HEALTHY_CHI2:
             break
         weight = measurement.weights(allowance)
         variance = 1.0 / float(np.mean(weight[weight > 0.0] ** 2))
         allowance = math.sqrt(max(allowance**2 + variance * (chi2 - 1.0), floor.allowance**2))
-        if not common_errors(measurement, model, Noise(allowance, floor.scatter)).shape[-1]:
+        if not common.shape[-1]:
             break
     return allowance
