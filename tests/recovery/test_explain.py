@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Explanation, Knowledge, effects, explain
+from rotorjax import Conditions, Explanation, Jeffcott, Knowledge, Measurement, Model, effects, explain, response
 from rotorjax.data.measurement import Uncertain
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
@@ -345,6 +345,24 @@ def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
         "Phase reference offset and probe gain together do what chain gain does, with more determined parameters, and "
         "are not needed" in explanation_text(found)
     )
+
+
+def test_what_fits_better_but_does_not_pay_for_its_parameters_contains_the_answer():
+    """Stiffness 0.40 and 0.44 % off in noise: a speed 0.2 % off does nearly as well with one parameter."""
+    speeds, run = np.tile(np.linspace(2800.0, 4500.0, 13), 3) * np.pi / 30.0, np.repeat(np.arange(3), 13)
+    weights = 30e-6 * np.array([[0.0, 0.0], [1.0, 0.0], [np.cos(2.1), np.sin(2.1)]])
+    conditions = Conditions(speeds, weights[run][:, None], np.zeros((39, 2)))
+    model = Model(Jeffcott(0.98, [140104.0, 137098.0], [0.011, 0.0138]))
+    z = np.asarray(response(model + effects.StiffnessError(0.0040, 0.0044), conditions))
+    rng = np.random.default_rng(0)
+    z = z + 4e-6 * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    measurement = Measurement.from_arrays(z, conditions, run=run, runs=("baseline", "a", "b"), sigma=4e-6)
+    found = explain(model, measurement, only=("speed_error", "stiffness_error"), thorough=False)
+    assert found.effects == ("speed_error",)
+    (other,) = found.ties.contains
+    assert other.effects == ("stiffness_error",)
+    assert other.gap > 3.0
+    assert other.contender.best.cost < found.ties.winner.best.cost - 2.0
 
 
 def test_limit_on_the_number_of_effects_is_kept_and_named():
