@@ -124,6 +124,8 @@ def race_of_slips(
     screened, stated, budget = [], None, contest.budget
     if measurement.sigma is not None:
         stated = _screened(_Change(None, contest), NO_NOISE)
+        if not _holds(stated) and (sweeps := _sweeps(contest)):
+            stated = min(stated, _screened(_Change(None, contest), NO_NOISE, also=sweeps), key=lambda one: one.end.cost)
         if not _holds(stated):
             progress("whether something was written down wrongly")
             stated, screened, ahead = _of_what_fails(stated, changes)
@@ -289,18 +291,21 @@ def _screened(
     noise: Noise,
     own: Alternative | None = None,
     *,
+    also: Collection[str] = (),
     start: Float[np.ndarray, "param"] | None = None,
     hopeless: float = math.inf,
 ) -> _Screened:
     """All linear effects at once, from a ``start`` or where the model has them. **Arguments:** ``own``: an answer whose
-    forces that depend on motion are fitted too; ``hopeless``: cost with which the fit does not go on.
+    forces that depend on motion, and sweep, are fitted too; ``also``: further effects; ``hopeless``: cost with which
+    the fit does not go on.
     """
     contest = change.contest
     start, free = contest.space.given_unknowns() if start is None else start, _linear(contest)
+    free = free | contest.only_of(also)
     if own is not None:
-        forces = contest.only_of(own.selection.present & _dear(contest))
+        dear = contest.only_of(own.selection.present & _dear(contest))
         best = own.selection.known[own.selection.present].best
-        start, free = np.where(forces, best.point, start), free | forces
+        start, free = np.where(dear, best.point, start), free | dear
     data, budget = contest.data(noise, start), contest.budget
     training, starts = contest.training[None], starts_at(start[None])
     (end,) = descend(contest.space, data, starts, free, training, budget=budget, manner=PATIENT, hopeless=hopeless)
@@ -315,7 +320,13 @@ def _dear(contest: Contest) -> Effects:
     """Effects that are fitted beside a change only where the answer has them: forces that depend on motion, and a
     sweep.
     """
-    return contest.timed | {e.name for e in contest.space.model.effects if isinstance(e, SweepEffect)}
+    return contest.timed | _sweeps(contest)
+
+
+def _sweeps(contest: Contest) -> set[str]:
+    """Those that may be missing by which the speed changes."""
+    changing = {e.name for e in contest.space.model.effects if isinstance(e, SweepEffect)}
+    return changing.intersection(contest.candidates)
 
 
 def _differs(one: _Screened, other: _Screened) -> bool:
