@@ -106,13 +106,15 @@ def none_left(ranked: Iterable[Ranked]) -> float:
     return next(r.probability for r in ranked if r.effect == "none")
 
 
-def select(contest: Contest, most: int, *, progress: Progress = lambda _: None) -> Selection:
+def select(
+    contest: Contest, most: int, *, known: Known | None = None, progress: Progress = lambda _: None
+) -> Selection:
     """Add effects one after the other until "none" is probable.
 
     After each addition all one-for-one swaps and all pairs of the best eight are tried, then effects that are not
-    needed go. **Arguments:** ``most`` effects at most.
+    needed go. **Arguments:** ``most`` effects at most; ``known``: what a search that was cut off had fitted.
     """
-    table: Known = {}
+    table: Known = dict(known or {})
     start = settle(contest, [NOTHING], table, _wide(contest))
     contest = with_floor(contest, start.contenders[NOTHING])
     table.update(start.contenders)

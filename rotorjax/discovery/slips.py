@@ -18,7 +18,7 @@ from rotorjax.discovery.contest import Contender, Contest, Effects, misfit_left
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
-from rotorjax.inference.manner import QUICK
+from rotorjax.inference.manner import QUICK, Manner
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 from rotorjax.inference.squares import squares_of
 from rotorjax.model.contract import SweepEffect
@@ -38,6 +38,8 @@ FITS = 5.0
 
 PATIENT = QUICK._replace(patience=30)
 """How all linear effects are fitted: begun far from the truth, as a rule."""
+BRIEF = PATIENT._replace(most_steps=15)
+"""The same for a few steps. Of 16 mistakes drawn none left more than what is stated after as many."""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
 
@@ -85,8 +87,9 @@ class _Change(NamedTuple):
     contest: Contest
     log_odds: float = 0.0
 
-    def among(self, candidates: tuple[str, ...]) -> "_Change":
-        """The same with nothing but these effects beside it."""
+    def without(self, effects: Effects) -> "_Change":
+        """The same with none of these effects beside it."""
+        candidates = tuple(name for name in self.contest.candidates if name not in effects)
         return self._replace(contest=dataclasses.replace(self.contest, candidates=candidates))
 
 
@@ -95,6 +98,10 @@ class _Screened(NamedTuple):
 
     change: _Change
     end: End
+
+    def without(self, effects: Effects) -> "_Screened":
+        """The same with none of these effects beside the change when that is searched."""
+        return self._replace(change=self.change.without(effects))
 
     @property
     def cost(self) -> float:
@@ -132,11 +139,11 @@ def race_of_slips(
             if ahead and (race := _without_what_is_stated(stated, ahead, most, progress)):
                 return race
     before = budget.spent
-    own = _alternative(None, select(contest, most, progress=progress))
+    own, unfinished = _as_stated(contest, most, progress, beside=any(_of_weight(one.change) for one in screened))
     doubtful = always or _misses(own) or _of_reading(own)
     if budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
-    share = math.inf if _misses(own) else budget.spent - before
+    share = budget.left / MOST_SEARCHED if unfinished else math.inf if _misses(own) else budget.spent - before
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
     stated = stated or _screened(_Change(None, contest), noise)
     if not screened:
@@ -145,7 +152,20 @@ def race_of_slips(
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
     near = _near(own, stated, screened, noise, beside_forces=doubtful)
     found, cut_off = _with_near(own, near, noise, most, progress, share=share)
+    if unfinished and _ranked(found, cut_off).best is own:
+        found[0] = _alternative(None, select(contest, most, known=own.selection.known, progress=progress))
     return _ranked(found, cut_off)
+
+
+def _as_stated(contest: Contest, most: int, progress: Progress, *, beside: bool) -> tuple[Alternative, bool]:
+    """What is stated, searched, and whether that is unfinished. **Arguments:** ``beside``: whether the rotor may have
+    another weight: forces that depend on motion make up for a wrong one without end, so that half of the linearisations
+    are left.
+    """
+    budget = contest.budget
+    with budget.share(budget.left / 2 if beside else math.inf):
+        own = _alternative(None, select(contest, most, progress=progress))
+        return own, beside and budget.exhausted
 
 
 def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened, list[_Screened], list[_Screened]]:
@@ -153,23 +173,29 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened
     ahead, the nearest first; none where what is stated holds after all.
 
     All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
-    stated under that noise stays so.
+    stated under that noise stays so; after few steps already, where it leaves twice as much after as many.
     """
     measurement = stated.change.contest.measurement
     wide = Noise(WIDE * measurement.rms)
-    level = _screened(stated.change, wide)
+    brief = _screened(stated.change, wide, manner=BRIEF)
+    level = _screened(stated.change, wide, start=brief.end.point)
     stated = min(stated, _exactly(level), key=lambda one: one.end.cost)
     if _holds(stated):
         return stated, [], []
-    possible = [one for one in (_screened(change, wide) for change in changes) if one.end.cost < level.end.cost + TIE]
-    possible.sort(key=lambda one: one.cost)
+    begun = [_screened(change, wide, manner=BRIEF) for change in changes]
+    # What linear effects do not feel, a weight for instance, leaves them as they are.
+    alike = [one._replace(end=stated.end) for one in begun if not _differs(one, brief)]
+    further = [one for one in begun if _differs(one, brief) and HALVED * one.end.cost < brief.end.cost]
+    possible = [_screened(one.change, wide, start=one.end.point) for one in further]
+    possible = sorted((one for one in possible if one.end.cost < level.end.cost + TIE), key=lambda one: one.cost)
     screened = [_exactly(one) for one in possible]
     ahead = [
         exact
         for rough, exact in zip(possible, screened, strict=True)
         if _holds(exact) or rough.end.cost < HALVED * level.end.cost or exact.end.cost < HALVED * stated.end.cost
     ]
-    return stated, screened, sorted(ahead, key=lambda one: (0, one.cost) if _holds(one) else (1, 0.0))
+    ahead.sort(key=lambda one: (0, one.cost) if _holds(one) else (1, 0.0))
+    return stated, [*screened, *alike], ahead
 
 
 def _exactly(rough: _Screened) -> _Screened:
@@ -257,23 +283,25 @@ def _near(
 ) -> list[_Screened]:
     """Changes that may do as well as the answer. If that holds within the noise: those with which all linear effects,
     and its forces that depend on motion, cost no more than it does with its prior; nothing else need be beside them.
-    Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count.
+    Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count for
+    all changes, or only for those of the weight, which nothing else feels.
     """
-    contest = own.selection.contest
-    dear = _dear(contest)
-    beside = own.selection.present & dear if beside_forces else frozenset()
+    contest, dear = own.selection.contest, _dear(own.selection.contest)
+    beside = own.selection.present & dear
     if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:
         likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost]
         if beside:
             likely += [one for one in screened if _of_weight(one.change) and one not in likely]
         return sorted(likely, key=lambda one: one.cost)[:MOST_SEARCHED]
-    if beside:
-        possible = [one for one in screened if HALVED * one.end.cost < stated.end.cost]
-        stated, *screened = (_screened(one.change, noise, own) for one in (stated, *possible))
     least = _least(own, noise)
-    near = [one for one in screened if -one.cost > least and _differs(one, stated)]
-    kept = tuple(name for name in contest.candidates if name not in dear or name in beside)
-    return [one._replace(change=one.change.among(kept)) for one in sorted(near, key=lambda one: one.cost)]
+    with_forces = [one for one in screened if beside and (beside_forces or _of_weight(one.change))]
+    near = [one for one in screened if one not in with_forces and -one.cost > least and _differs(one, stated)]
+    found = [one.without(dear) for one in near]
+    if possible := [one for one in with_forces if HALVED * one.end.cost < stated.end.cost]:
+        level, *fitted = (_screened(one.change, noise, own) for one in (stated, *possible))
+        near = [one for one in fitted if -one.cost > least and _differs(one, level)]
+        found += [one.without(dear - beside) for one in near]
+    return sorted(found, key=lambda one: one.cost)
 
 
 def _of_weight(change: _Change) -> bool:
@@ -292,12 +320,13 @@ def _screened(
     own: Alternative | None = None,
     *,
     also: Collection[str] = (),
+    manner: Manner = PATIENT,
     start: Float[np.ndarray, "param"] | None = None,
     hopeless: float = math.inf,
 ) -> _Screened:
     """All linear effects at once, from a ``start`` or where the model has them. **Arguments:** ``own``: an answer whose
-    forces that depend on motion, and sweep, are fitted too; ``also``: further effects; ``hopeless``: cost with which
-    the fit does not go on.
+    forces that depend on motion, and sweep, are fitted too; ``also``: further effects; ``manner`` of the descent;
+    ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest
     start, free = contest.space.given_unknowns() if start is None else start, _linear(contest)
@@ -308,7 +337,7 @@ def _screened(
         start, free = np.where(dear, best.point, start), free | dear
     data, budget = contest.data(noise, start), contest.budget
     training, starts = contest.training[None], starts_at(start[None])
-    (end,) = descend(contest.space, data, starts, free, training, budget=budget, manner=PATIENT, hopeless=hopeless)
+    (end,) = descend(contest.space, data, starts, free, training, budget=budget, manner=manner, hopeless=hopeless)
     return _Screened(change, end)
 
 

@@ -1,13 +1,20 @@
 """Mistakes in what rig file and table state, made in the files of the example, which hides two effects."""
 
 import csv
+import dataclasses
 import re
 
+import numpy as np
 import pytest
 
 from rotorjax import explain, read_measurement, read_rig
+from rotorjax.arrays import as_array
 from rotorjax.data.declarations import promising, slips
 from rotorjax.data.example import write_example
+
+import hidden_forces
+import nonlinear_oracle as in_time
+from hidden import Plan
 
 EFFECTS = ("residual_unbalance", "cross_coupling")
 
@@ -107,3 +114,19 @@ def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path)
     assert len({slip.name for slip in every}) == len(every)
     assert promising(rig.model, measurement, every) == every
     assert not any(slip.kind == "phase_sign_reversed" for slip in slips(rig.model, measurement, ["amplitude_unit"]))
+
+
+def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
+    """A vertical rotor whose rig file states a weight: forces that depend on motion make up for that without end."""
+    plan = Plan(
+        {"a": [4e-6 + 0j], "b": [30e-6 + 0j], "c": [30e-6 * np.exp(2.1j)]},
+        tuple(float(speed) for speed in np.linspace(800.0, 3000.0, 12) * np.pi / 30.0),
+        (1, 2),
+        sigma=1e-6,
+    )
+    rng = np.random.default_rng(0)
+    model, measurement = hidden_forces.measured((in_time.duffing(1e12),), plan, rng, (0.0, 0.0))
+    heavy = dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, gravity=as_array([0.0, -9.81])))
+    only = ("duffing", "rub", "stiffness_error", "foundation", "weight_absent", "weight_direction")
+    found = explain(heavy, measurement, only=only, thorough=False)
+    assert (found.verdict, found.named) == ("explained", ("weight_absent", "duffing"))
