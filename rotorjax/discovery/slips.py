@@ -143,7 +143,7 @@ def race_of_slips(
     doubtful = always or _misses(own) or _of_reading(own)
     if budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
-    share = budget.left / MOST_SEARCHED if unfinished else math.inf if _misses(own) else budget.spent - before
+    share = math.inf if _misses(own) else budget.spent - before
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
     stated = stated or _screened(_Change(None, contest), noise)
     if not screened:
@@ -151,6 +151,8 @@ def race_of_slips(
         least = _least(own, noise)
         screened = [_screened(change, noise, hopeless=-least) for change in changes]
     near = _near(own, stated, screened, noise, beside_forces=doubtful)
+    if unfinished:
+        share = budget.left / max(1, len(near))
     found, cut_off = _with_near(own, near, noise, most, progress, share=share)
     if unfinished and _ranked(found, cut_off).best is own:
         found[0] = _alternative(None, select(contest, most, known=own.selection.known, progress=progress))
@@ -159,11 +161,11 @@ def race_of_slips(
 
 def _as_stated(contest: Contest, most: int, progress: Progress, *, beside: bool) -> tuple[Alternative, bool]:
     """What is stated, searched, and whether that is unfinished. **Arguments:** ``beside``: whether the rotor may have
-    another weight: forces that depend on motion make up for a wrong one without end, so that half of the linearisations
-    are left.
+    another weight: forces that depend on motion make up for a wrong one without end, so that two fifths of the
+    linearisations are left.
     """
     budget = contest.budget
-    with budget.share(budget.left / 2 if beside else math.inf):
+    with budget.share(0.6 * budget.left if beside else math.inf):
         own = _alternative(None, select(contest, most, progress=progress))
         return own, beside and budget.exhausted
 
