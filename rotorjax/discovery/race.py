@@ -9,6 +9,7 @@ import numpy as np
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left
 from rotorjax.inference.data import MOST_STARTS, Data, declared_starts
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.evidence import log_evidence
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
 from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
@@ -127,17 +128,19 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
 
     Beside the lowest only those count that are at their end: of one given up on the way nobody knows where it leads.
 
-    Laplace: -cost - ½ log det H, H in units of the priors. Where the noise is a misfit of unknown size it is
-    marginalised (Jeffreys prior): -(n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
+    See `rotorjax.inference.evidence`. Where the noise is a misfit of unknown size it is marginalised (Jeffreys prior):
+    (n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
     numbers = contest.independent_numbers if noise.allowance > contest.floor.allowance else None
+
+    def log_of(cost: float) -> float:
+        return -cost if numbers is None else -0.5 * numbers * math.log(max(2.0 * cost / numbers, 1e-300))
+
     distinct = distinct_of(ends)
     if not distinct:
         return Contender(effects, (best_of(ends),), -math.inf, noise)
-    terms = []
-    for end in [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]:
-        cost = end.cost if numbers is None else 0.5 * numbers * math.log(max(2.0 * end.cost / numbers, 1e-300))
-        terms.append(-cost - 0.5 * float(np.linalg.slogdet(end.curvature)[1]))
+    counted = [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]
+    terms = [log_evidence(end, contest.space, log_of) for end in counted]
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
 
 

@@ -1,15 +1,13 @@
 """What else would do as well: ties between sets of effects, and sets that contain more than is needed."""
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
-from rotorjax.arrays import as_array, numpy_pair
+from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
@@ -20,13 +18,10 @@ from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import End
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
-from rotorjax.inference.prior import Prior, cost_of_size, prior_at, together
 from rotorjax.model.contract import Effect
 
-SCALES = (1.0 / 3.0, 3.0)
-"""Factors of all prior scales under which the comparison is repeated: a winner that changes is a tie."""
 NEAR = 15.0
-"""Log evidence behind the winner up to which the repetition is worth it, beyond what wider scales can give back."""
+"""Log evidence behind the winner up to which an alternative is fitted again, and compared under other errors."""
 AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
 TRIED_PAIRS = 5
@@ -88,10 +83,10 @@ def _by_part(tied: tuple[Alternative, ...]) -> list[list[list[str]]]:
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, or if it leads under prior scales times 1/3 or 3, or
-    if it fits as well and is behind for the size of its force alone. Whether it then predicts the same, or differs and
-    fits no worse, is told with it. One with more determined parameters that fits no better, or not by so much that
-    these would pay, contains the answer: that is no tie.
+    An alternative ties if its log evidence is less than 3 behind, or if it leads where the tolerance of the model's
+    form is noise of every vector by itself. Whether it then predicts the same, or differs and fits no worse, is told
+    with it. One further behind, with more determined parameters, that fits no better, or not by so much that these
+    would pay, contains the answer, as does one nearer of which the answer is a special case: that is no tie.
     """
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)
@@ -105,13 +100,9 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     found.update(race(contest, noise, list(special), {**selection.known, **found}, also=special))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
-    others = [
-        c
-        for effects, c in found.items()
-        if effects != answer and winner.log_evidence - _at_best(contest, c, winner) < NEAR
-    ]
+    others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
     by_itself = _tolerance_by_itself(contest, noise, winner)
-    leads = _leads_elsewhere(contest, noise, winner, others) | _leads_under(contest, by_itself, winner, others)
+    leads = _leads_under(contest, by_itself, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
@@ -121,17 +112,23 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         )
         larger = gap > 0.0 and _determined(other.best) > _determined(winner.best)
         better = winner.best.cost - other.best.cost
-        if larger and abs(better) < AS_GOOD:
-            if _takes_the_place(instead, gone, catalog):
-                contains.append(alternative)
-        elif gap < TIE or other.effects in leads or _differs_in_size(contest, winner, other):
+        more = not gone or _is_special_case(contest, gone, instead)
+        if (gap < TIE or other.effects in leads) and not (more and larger and abs(better) < AS_GOOD):
             tied.append(alternative)
-        elif larger and better >= AS_GOOD and _takes_the_place(instead, gone, catalog):
+        elif larger and better > -AS_GOOD and _takes_the_place(instead, gone, catalog):
             contains.append(alternative)
     tied += _within_tolerance(contest, selection, noise, by_itself, winner)
     every, small = _simplest(tied), frozenset(selection.small)
     of_small = tuple(t for t in every if t.instead_of and small >= set(t.instead_of))
     return Ties(tuple(t for t in every if t not in of_small), of_small, tuple(contains), winner, found)
+
+
+def _is_special_case(contest: Contest, one: Effects, other: Effects) -> bool:
+    """Whether an effect is another with some of its parameters at zero, a clearance a rub without friction."""
+    if len(one) != 1 or len(other) != 1:
+        return False
+    labels = [{e.label for e in contest.space.entries if e.effect in effects} for effects in (one, other)]
+    return bool(one & contest.timed) and labels[0] < labels[1]
 
 
 def _takes_the_place(instead: Effects, gone: Effects, catalog: Mapping[str, type[Effect]]) -> bool:
@@ -213,10 +210,8 @@ def _fit_where_open(
     to first order.
     """
     found.update({h: selection.known[h] for h in sets if h in selection.known})
-    near = [h for h in sets if h in found and _near(contest, h, _at_best(contest, found[h], winner), winner)]
-    again = anew(
-        contest, noise, near, found, lambda there: _at_best(contest, there, winner) > winner.log_evidence - NEAR - CLEAR
-    )
+    near = [h for h in sets if h in found and _near(found[h].log_evidence, winner)]
+    again = anew(contest, noise, near, found, lambda there: there.log_evidence > winner.log_evidence - NEAR - CLEAR)
     found.update(race(contest, noise, [*again, *(h for h in sets if h not in found)], {**selection.known, **found}))
 
 
@@ -224,10 +219,10 @@ def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) 
     """Whether a set may do as well: one with a force depending on motion only if a part of it comes near."""
     timed = contest.timed & effects
     parts = (c.log_evidence for other, c in found.items() if other < effects and timed & other)
-    return not timed or _near(contest, effects, max(parts, default=math.inf), winner)
+    return not timed or _near(max(parts, default=math.inf), winner)
 
 
-def _near(contest: Contest, effects: Effects, log_evidence: float, winner: Contender) -> bool:
+def _near(log_evidence: float, winner: Contender) -> bool:
     """Whether a set, or its best part, is near enough to the winner to be fitted again."""
     return log_evidence > winner.log_evidence - WORTH_TRYING
 
@@ -279,82 +274,3 @@ def _determined(end: End) -> int:
         if len(end.free)
         else 0
     )
-
-
-def _leads_elsewhere(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
-    """Those of the others that lead the winner under wider or narrower priors: to first order, fitted where that leaves
-    it open.
-    """
-    leads: set[Effects] = set()
-    every, data = contest.only_of({e.effect for e in contest.space.entries}), contest.data(noise, winner.best.point)
-    for factor in SCALES if others else ():
-        factors = np.where(every, factor, 1.0)
-        changed, known = _rescaled(contest, factors, [winner, *others])
-        own = race(changed, noise, [winner.effects], known)[winner.effects]
-        close = [c.effects for c in others if _under(contest, data, factors, c).log_evidence > own.log_evidence - CLEAR]
-        again = race(changed, noise, close, known)
-        leads |= {effects for effects in close if again[effects].log_evidence > own.log_evidence}
-    return leads
-
-
-def _under(contest: Contest, data: Data, factors: Float[np.ndarray, "param"], contender: Contender) -> Contender:
-    """A contender under prior scales times some factors, to first order about where it was fitted; unknowns in units of
-    those.
-    """
-    ends = []
-    for end in contender.ends:
-        by, parts = factors[end.free], _open_sizes(contest, end)
-
-        def prior(unknowns: Float[np.ndarray, "free"], by: np.ndarray = by, parts: np.ndarray = parts) -> Prior:
-            scaled = prior_at(unknowns / by, parts)
-            return scaled._replace(weight=scaled.weight / by**2)
-
-        there = influenced(data, end, contest.training, prior)
-        ends.append(there._replace(point=there.point / factors, curvature=by[:, None] * there.curvature * by))
-    return contender_of(contest, contender.effects, ends, contender.noise)
-
-
-def _differs_in_size(contest: Contest, winner: Contender, other: Contender) -> bool:
-    """Whether another set fits as well with no more parameters, and is behind for the size of its force alone: nobody
-    knows that beforehand.
-    """
-    sizes = [cost_of_size(c.best.point[c.best.free], _open_sizes(contest, c.best)) for c in (winner, other)]
-    gap = winner.log_evidence + sizes[0] - other.log_evidence - sizes[1]
-    fits = other.best.data_cost < winner.best.data_cost + AS_GOOD and _determined(other.best) <= _determined(
-        winner.best
-    )
-    return fits and gap < TIE
-
-
-def _open_sizes(contest: Contest, end: End) -> Float[np.ndarray, "free free"]:
-    return together(np.asarray(contest.space.open_size)[end.free])
-
-
-def _at_best(contest: Contest, other: Contender, winner: Contender) -> float:
-    """Log evidence, with what wider prior scales, or any sizes, would give back of what large values cost it and not
-    the winner.
-    """
-
-    def given_back(end: End) -> float:
-        unknowns, parts = end.point[end.free], _open_sizes(contest, end)
-        return max(
-            prior_at(unknowns, parts).cost - prior_at(unknowns / SCALES[-1], parts).cost, cost_of_size(unknowns, parts)
-        )
-
-    return other.log_evidence + max(0.0, given_back(other.best) - given_back(winner.best))
-
-
-def _rescaled(
-    contest: Contest, factors: Float[np.ndarray, "param"], contenders: list[Contender]
-) -> tuple[Contest, Known]:
-    """The contest with the prior scale of every unknown times a factor."""
-    space = dataclasses.replace(
-        contest.space, scale=as_array(np.asarray(contest.space.scale) * factors[np.asarray(contest.space.unknown)])
-    )
-    known = {
-        c.effects: Contender(
-            c.effects, tuple(end._replace(point=end.point / factors) for end in c.ends), -math.inf, c.noise
-        )
-        for c in contenders
-    }
-    return dataclasses.replace(contest, space=space), known

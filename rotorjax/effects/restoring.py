@@ -102,7 +102,7 @@ class Clearance(RestoringEffect):
     relatives: ClassVar[tuple[str, ...]] = ("rub", "duffing")
     sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("contact stiffness k_c", scale=1.0, of="stiffness")
-    inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
+    inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature", shape_only=True)
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES
     )
@@ -130,8 +130,8 @@ class Rub(RestoringEffect):
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "cross_coupling")
     sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("contact stiffness k_c", scale=1.0, of="stiffness")
-    inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
-    friction: Array = parameter("coefficient of friction μ", scale=0.2)
+    inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature", shape_only=True)
+    friction: Array = parameter("coefficient of friction μ", scale=0.2, shape_only=True)
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share, "friction": 1.0} for share in GAP_SHARES
     )

@@ -185,8 +185,8 @@ class Foundation(SupportEffect):
     source: ClassVar[str] = "Kirk, Gunter, J. Eng. Ind. 94 (1972) 221-232"
     relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "mass_error")
     compliance_m_per_n: Array = parameter("static compliance 1/k_f, equal along x and y", scale=0.1, of="compliance")
-    log_frequency: Array = parameter("ln of foundation over rotor natural frequency", scale=0.7)
-    log_damping: Array = parameter("ln of foundation damping ratio over 0.05", scale=1.0)
+    log_frequency: Array = parameter("ln of foundation over rotor natural frequency", scale=0.7, shape_only=True)
+    log_damping: Array = parameter("ln of foundation damping ratio over 0.05", scale=1.0, shape_only=True)
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"compliance_m_per_n": 0.3, "log_frequency": frequency} for frequency in (-1.5, -0.5, 0.0, 0.5, 1.5)
     )

@@ -115,7 +115,7 @@ class DeadBand(AxisForce, RestoringEffect):
     relatives: ClassVar[tuple[str, ...]] = ("clearance", "rub", "duffing")
     sufficient: ClassVar[Plan] = AROUND
     stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
-    inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature")
+    inverse_gap_per_m: Array = parameter("one over the gap", scale=0.2, of="curvature", shape_only=True)
     alike: ClassVar[tuple[str, ...]] = ("term_one_sided_stop_{a}",)
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": 1.0 / share} for share in GAP_SHARES
@@ -149,7 +149,10 @@ class OneSidedStop(AxisForce, RestoringEffect):
     alike: ClassVar[tuple[str, ...]] = ("term_dead_band_{a}",)
     stiffness_n_per_m: Array = parameter("stiffness k of the stop", scale=1.0, of="stiffness")
     inverse_gap_per_m: Array = parameter(
-        "one over the gap, negative where the stop is on the negative side", scale=0.2, of="curvature"
+        "one over the gap, negative where the stop is on the negative side",
+        scale=0.2,
+        of="curvature",
+        shape_only=True,
     )
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
         {"stiffness_n_per_m": 0.1, "inverse_gap_per_m": side / share} for share in GAP_SHARES for side in (1.0, -1.0)

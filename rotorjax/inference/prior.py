@@ -27,12 +27,6 @@ def together(open_size: Int[np.ndarray, "free"]) -> Float[np.ndarray, "free free
     return ((open_size[:, None] == open_size[None]) & (open_size >= 0)[:, None]).astype(float)
 
 
-def cost_of_size(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "free free"]) -> float:
-    """What of the prior's cost is owed to sizes that are left open being larger than usual."""
-    far = np.maximum(parts @ unknowns**2 / USUAL**2, 1.0)
-    return float(np.sum(0.5 * USUAL**2 * np.log(far) / np.maximum(parts.sum(axis=1), 1.0)))
-
-
 def prior_at(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 

@@ -49,6 +49,7 @@ class Parameter(NamedTuple):
     scale: float
     of: str
     axes: tuple[Axis, ...]
+    shape_only: bool = False
 
     @property
     def unit(self) -> Unit:
@@ -76,14 +77,19 @@ class Parameter(NamedTuple):
         return labels
 
 
-def parameter(meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = ()) -> Any:
+def parameter(
+    meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = (), shape_only: bool = False
+) -> Any:
     """Declare a field of an effect as one of its parameters. Zero means that the effect is absent.
 
     **Arguments:** ``meaning`` in a few words; ``scale`` and ``of``: the prior scale is ``scale``
     times that quantity of the rig (`AbstractRotor.quantities`, "one" for a number in SI); ``axes``: one value per
-    probe, order or plane after the first. The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
+    probe, order or plane after the first; ``shape_only``: it says how the effect acts and not how strongly, like a gap
+    or a coefficient of friction, so that its prior scale is what is declared and not left open over decades
+    (`rotorjax.inference.evidence`). The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
     """
-    return eqx.field(default=0.0, converter=as_float, metadata={"parameter": (meaning, scale, of, axes)})
+    declared = (meaning, scale, of, axes, shape_only)
+    return eqx.field(default=0.0, converter=as_float, metadata={"parameter": declared})
 
 
 class AbstractRotor(eqx.Module):
