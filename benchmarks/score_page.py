@@ -23,6 +23,7 @@ from scoring import (
     judged,
     mean_set,
     rates,
+    search_missed,
     weakest,
 )
 
@@ -39,15 +40,20 @@ def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> s
     draw_decades(rows, folder / "decades.png")
     summary = f"{_rates(rows)}\n\n{_numbers(rows)}"
     listed = "\n".join(f"- {key}: {value}" for key, value in about.items())
+    oracle = (
+        "*Oracle*: the answer, or the truth, fitted from its true values, where that is more probable in the same race "
+        "(ties: less than 3 behind)."
+    )
     parts = [
         "# Effects hidden in a detailed rotor, explained",
         f"{len(rows)} cases. *Seen* is what improves chi-square by more than {SEEN:g}.\n\n{listed}",
-        f"## Scores\n\n{summary}",
+        f"## Scores\n\n{summary}\n\n{oracle}",
         f"## By improvement in chi-square\n\n{_by(by_decade(rows), 'improvement')}\n\n![by decade](decades.png)",
         f"## By effect, alone and seen\n\n{_by(by_effect(rows), 'effect')}\n\n![confusion](confusion.png)",
         "## Calibration\n\n![reliability](reliability.png)",
         f"## Confident and wrong\n\n{_cases([row for row in rows if is_confident_wrong(row)])}",
         f"## Other misses\n\n{_cases([r for r in rows if _missed(r)])}",
+        f"## More probable than the answer, and not found\n\n{_cases(search_missed(rows))}",
     ]
     (folder / "README.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return summary
@@ -70,7 +76,8 @@ def _table(rows: Sequence[Sequence[Any]], heads: Sequence[str]) -> str:
 
 
 def _rates(rows: Sequence[Row]) -> str:
-    return _table([[r.name, *_share(r), r.goal] for r in rates(rows)], ["", "share", "cases", "95 % interval", "goal"])
+    lines = [[r.name, *_share(r), r.goal, "" if r.oracle is None else f"{r.oracle} of {r.total}"] for r in rates(rows)]
+    return _table(lines, ["", "share", "cases", "95 % interval", "goal", "oracle"])
 
 
 def _numbers(rows: Sequence[Row]) -> str:

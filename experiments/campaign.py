@@ -44,6 +44,7 @@ def explained(seed: int) -> dict[str, Any]:
     from rotorjax.compilation import spare_memory_maps, use_double_precision  # noqa: PLC0415
 
     from answers import answer  # noqa: PLC0415
+    from from_truth import lead_of_truth  # noqa: PLC0415
 
     use_double_precision()
     case = draw(seed)
@@ -53,9 +54,10 @@ def explained(seed: int) -> dict[str, Any]:
         measurement = read_measurement(table, rig)
     begin = time.perf_counter()
     found = explain(rig.model, measurement)
-    seconds = time.perf_counter() - begin
+    seconds, true = time.perf_counter() - begin, truth(case)
+    row = {**true, **answer(found), "lead_of_truth": lead_of_truth(found, true), "took": seconds, "code": code()}
     spare_memory_maps()
-    return {**truth(case), **answer(found), "took": seconds, "code": code()}
+    return row
 
 
 def told(progress: Progress) -> None:
@@ -74,7 +76,7 @@ def sources() -> str:
     """A digest of the code that the rows depend on."""
     digest = hashlib.sha256()
     files = [*(ROOT / "rotorjax").rglob("*.py"), *(ROOT / "benchmarks" / "detailed").rglob("*.py")]
-    for file in [*sorted(files), ROOT / "benchmarks" / "answers.py"]:
+    for file in [*sorted(files), ROOT / "benchmarks" / "answers.py", ROOT / "benchmarks" / "from_truth.py"]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
 

@@ -122,6 +122,16 @@ def test_rates_and_intervals():
     assert (found.error, found.brier) == pytest.approx((0.0, 0.09))
 
 
+def test_the_oracle_has_the_truth_where_it_is_more_probable_or_ties():
+    wrong = {"named": ["rub"], "verdict": "undecided"}
+    rows = [row(seed=0, lead_of_truth=None), row(seed=1, lead_of_truth=2.0, **wrong)]
+    rows += [row(seed=2, lead_of_truth=-2.0, **wrong), row(seed=3, lead_of_truth=-9.0, **wrong)]
+    right, tied, *_ = scoring.rates(rows)
+    assert (right.count, right.oracle, tied.oracle) == (1, 2, 3)
+    assert [r["seed"] for r in scoring.search_missed(rows)] == [1]
+    assert all(r.oracle is None for r in scoring.rates([row()]))
+
+
 @pytest.mark.parametrize(
     ("sets", "holds"),
     [([["rub"], ["duffing"]], 1), ([["duffing", "gyroscopic"]], 1), ([["duffing", "rub"]], 0), ([[], ["rub"]], 0)],
