@@ -26,6 +26,7 @@ from rotorjax.compilation import spare_memory_maps, use_double_precision
 from rotorjax.data.files import write_whole
 from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.inference.budget import Budget
+from rotorjax.inference.evidence import strengths
 from rotorjax.inference.linearised import Linearisation, Point
 from rotorjax.inference.motions import balanced
 from rotorjax.inference.prior import USUAL, together
@@ -69,8 +70,14 @@ class Likelihood:
         self.lin = Linearisation(contest.space, self.data, Budget(limit=None))
         self.free = np.asarray(self.best.free)
         self.parts = together(np.asarray(contest.space.open_size)[self.free])
+        self.strengths = list(strengths(contender.best, contest.space))
         self.motions, self.at = self.best.motions, self.best.point
         self.radius, self.density = _tail()
+
+    @property
+    def dimensions(self) -> int:
+        """Of the unit cube: the free unknowns, and a prior scale for each strength."""
+        return len(self.free) + len(self.strengths)
 
     @property
     def sizes(self) -> list[np.ndarray]:
@@ -80,13 +87,15 @@ class Likelihood:
 
     def unknowns(self, cube: np.ndarray) -> np.ndarray:
         """Free unknowns distributed as the prior."""
-        free = ndtri(cube)
+        free = ndtri(cube[: len(self.free)])
         for size in self.sizes:
             if len(size) == 1:
                 free[size] = math.copysign(self._quantile(abs(2.0 * cube[size[0]] - 1.0), 1), cube[size[0]] - 0.5)
             else:
                 radius, angle = self._quantile(cube[size[0]], 2), 2.0 * math.pi * cube[size[1]]
                 free[size] = radius * np.array([math.cos(angle), math.sin(angle)])
+        for share, (group, scales) in zip(cube[len(self.free) :], self.strengths, strict=True):
+            free[group] *= scales[min(int(share * len(scales)), len(scales) - 1)]
         return free
 
     def _quantile(self, share: float, count: int) -> float:
@@ -145,7 +154,7 @@ def sampled(contest: Contest, contender: Contender, rng: np.random.Generator) ->
     count = len(likelihood.free)
     if count == 0:
         return Sampled(likelihood(np.zeros(0)), 0.0, 1)
-    sampler = dynesty.NestedSampler(likelihood, likelihood.unknowns, count, nlive=LIVE, rstate=rng)
+    sampler = dynesty.NestedSampler(likelihood, likelihood.unknowns, likelihood.dimensions, nlive=LIVE, rstate=rng)
     sampler.run_nested(dlogz=0.1, print_progress=False)
     found = sampler.results
     return Sampled(float(found.logz[-1]) + likelihood.normalisation, float(found.logzerr[-1]), int(np.sum(found.ncall)))

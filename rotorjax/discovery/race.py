@@ -13,6 +13,7 @@ from rotorjax.inference.evidence import log_evidence
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
 from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
+from rotorjax.inference.squares import squares_of
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
@@ -142,6 +143,26 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
     counted = [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]
     terms = [log_evidence(end, contest.space, log_of) for end in counted]
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
+
+
+def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: bool = True) -> float:
+    """Log evidence and prior odds, ``normalised`` by the size of the noise, so that different noises compare.
+
+    Where a misfit is allowed for, only independent data count: a misfit repeats itself from run to run.
+    """
+    end = contender.best
+    data = contest.data(noise, end.point)
+    old, weight = contest.measurement.weights(contender.noise.allowance), data.weight
+    ratio = np.divide(weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
+    error, used = end.local.error * ratio, weight[weight > 0.0]
+    logarithm = -float(np.sum(np.log(used)))
+    common = data.common.reshape(error.size, -1)
+    logarithm += 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
+    every = np.ones(len(error), bool)
+    cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
+    share = min(1.0, contest.independent_numbers / len(used)) if noise.allowance > 0.0 else 1.0
+    prior = log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost
+    return -share * (cost + normalised * logarithm) + prior + contest.log_odds(contender.effects)
 
 
 def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -> Contender:

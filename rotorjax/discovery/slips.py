@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rotorjax.data.declarations import Slip, log_odds, promising, slips
-from rotorjax.discovery.contest import Contender, Contest, Effects, misfit_left
+from rotorjax.discovery.contest import Contest, Effects, misfit_left
+from rotorjax.discovery.race import score
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import QUICK, Manner
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
-from rotorjax.inference.squares import squares_of
 from rotorjax.model.contract import SweepEffect
 
 MOST_SEARCHED = 3
@@ -121,8 +121,8 @@ def race_of_slips(
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
     **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most; ``always``: also where what is stated
-    leads to an answer that holds without an effect of the measuring chain: with such an answer only changes are
-    searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
+    leads to an answer that holds and is not `_like_a_mistake`: with such an answer only changes are searched with
+    which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
     """
     measurement = contest.measurement
     every = slips(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
@@ -142,7 +142,7 @@ def race_of_slips(
                 return race
     before = budget.spent
     own, unfinished = _as_stated(contest, most, progress, beside=any(_of_weight(one.change) for one in screened))
-    doubtful = always or _misses(own) or _of_reading(own)
+    doubtful = always or _misses(own) or _like_a_mistake(own)
     if budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
     share = math.inf if _misses(own) else budget.spent - before
@@ -213,16 +213,20 @@ def _misses(own: Alternative) -> bool:
     return own.misfit > 0.0 if measurement.sigma is not None else is_large(own.misfit, measurement)
 
 
-def _of_reading(own: Alternative) -> bool:
-    """Whether an effect of the measuring chain is in an answer: what it does, a mistake may do as well."""
-    every = own.selection.contest.space.model.effects
-    return any(e.name in own.selection.present and e.family == "reading" for e in every)
+def _like_a_mistake(own: Alternative) -> bool:
+    """Whether an effect of the measuring chain is in an answer or, where nothing else is installed in any other run, an
+    excitation: what they do, a mistake may do as well.
+    """
+    contest = own.selection.contest
+    installed = np.asarray(contest.measurement.conditions.unbalance)
+    families = {"reading", "excitation"} if np.all(installed == installed[:1]) else {"reading"}
+    return any(e.name in own.selection.present and e.family in families for e in contest.space.model.effects)
 
 
 def _least(own: Alternative, noise: Noise) -> float:
     """Log evidence and prior odds under a noise from which on a change may do as well as the answer."""
     contest = own.selection.contest
-    return _score(contest, own.selection.known[own.selection.present], noise, normalised=False) - TIE
+    return score(contest, own.selection.known[own.selection.present], noise, normalised=False) - TIE
 
 
 def _without_what_is_stated(stated: _Screened, ahead: list[_Screened], most: int, progress: Progress) -> Race | None:
@@ -376,24 +380,4 @@ def _holds(one: _Screened) -> bool:
 def _alternative(slip: Slip | None, selection: Selection, odds: float = 0.0) -> Alternative:
     contest, contender = selection.contest, selection.known[selection.present]
     noise = Noise(misfit_left(contest, contender), contest.floor.scatter)
-    return Alternative(slip, selection, _score(contest, contender, noise) + odds, noise.allowance)
-
-
-def _score(contest: Contest, contender: Contender, noise: Noise, *, normalised: bool = True) -> float:
-    """Log evidence and prior odds, ``normalised`` by the size of the noise, so that different noises compare.
-
-    Where a misfit is allowed for, only independent data count: a misfit repeats itself from run to run.
-    """
-    end = contender.best
-    data = contest.data(noise, end.point)
-    old, weight = contest.measurement.weights(contender.noise.allowance), data.weight
-    ratio = np.divide(weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
-    error, used = end.local.error * ratio, weight[weight > 0.0]
-    logarithm = -float(np.sum(np.log(used)))
-    common = data.common.reshape(error.size, -1)
-    logarithm += 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
-    every = np.ones(len(error), bool)
-    cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
-    share = min(1.0, contest.independent_numbers / len(used)) if noise.allowance > 0.0 else 1.0
-    occam = end.prior.cost + 0.5 * float(np.linalg.slogdet(end.curvature)[1])
-    return -share * (cost + normalised * logarithm) - occam + contest.log_odds(contender.effects)
+    return Alternative(slip, selection, score(contest, contender, noise) + odds, noise.allowance)

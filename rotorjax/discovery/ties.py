@@ -16,6 +16,7 @@ from rotorjax.discovery.search import PRICE, Selection
 from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import End
+from rotorjax.inference.evidence import DETERMINED
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
 from rotorjax.model.contract import Effect
@@ -26,8 +27,6 @@ AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
 TRIED_PAIRS = 5
 """Best replacements of an effect of which pairs are tried in its place."""
-DETERMINED = 1.5
-"""Curvature in units of the prior's from which the data determine a direction."""
 
 
 class Alternative(NamedTuple):

@@ -15,12 +15,13 @@ Exact where the vectors are linear in the parameters. (Mixtures over the scale o
 Berger 2008, J. Am. Stat. Assoc. 103:410-423.)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from rotorjax.inference.descent import End
+from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.prior import prior_at, together
 from rotorjax.inference.space import Space
 
@@ -32,41 +33,69 @@ SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
 LEAST = -12
 """Smallest power of the step."""
+DETERMINED = 1.5
+"""Curvature in units of the prior's from which the data determine a direction."""
 
 
 def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> float:
-    """Logarithm of the evidence of one optimum, up to a constant of the data.
+    """Logarithm of the evidence of one optimum, up to a constant of the data; at the declared scales where the fit did
+    not converge, for nothing can be told from there.
 
     **Arguments:** ``log_of``: logarithm of the likelihood times the prior's density at a cost.
     """
     own = log_of(end.cost) - 0.5 * float(np.linalg.slogdet(end.curvature)[1])
-    numbers, sizes = (np.asarray(a)[end.free] for a in (space.strength, space.open_size))
-    parts, total = together(sizes), own
-    for number in np.unique(numbers[numbers >= 0]):
-        group = np.flatnonzero(numbers == number)
-        at_scales = _at_scales(end, group, parts, log_of, LARGEST_OPEN if sizes[group[0]] >= 0 else LARGEST)
+    if end.result != CONVERGED:
+        return own
+    parts, total = together(np.asarray(space.open_size)[end.free]), own
+    here = _determined(end)
+    for group, scales in strengths(end, space):
+        at_scales = _at_scales(end, here, group, scales, parts, log_of)
         total += float(np.logaddexp.reduce(at_scales)) - np.log(len(at_scales)) - own
     return total
 
 
+def _determined(end: End) -> Float[np.ndarray, "free"]:
+    """The optimum, zero in directions that the data do not determine: along a curved valley a fit may have stopped
+    where the prior still pulls.
+    """
+    width = 1.0 / np.sqrt(end.prior.weight)
+    data = width[:, None] * (end.curvature - np.diag(end.prior.weight)) * width
+    curvatures, directions = np.linalg.eigh(data)
+    kept = directions[:, curvatures > DETERMINED]
+    return width * (kept @ (kept.T @ (end.point[end.free] / width)))
+
+
+def strengths(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"], Float[np.ndarray, "scale"]]]:
+    """Free unknowns that are one strength together, and the factors of their declared prior scale that are averaged
+    over.
+    """
+    numbers, sizes = (np.asarray(a)[end.free] for a in (space.strength, space.open_size))
+    weight = end.prior.weight
+    for number in np.unique(numbers[numbers >= 0]):
+        group = np.flatnonzero(numbers == number)
+        largest = LARGEST_OPEN if sizes[group[0]] >= 0 else LARGEST
+        yield group, factors(end.curvature - np.diag(weight), weight, group, largest)
+
+
 def _at_scales(
     end: End,
+    here: Float[np.ndarray, "free"],
     group: Int[np.ndarray, "part"],
+    scales: Float[np.ndarray, "scale"],
     parts: Float[np.ndarray, "free free"],
     log_of: Callable[[float], float],
-    largest: int,
 ) -> list[float]:
-    """Log evidence with the prior scale of some unknowns times each of the factors."""
-    here, weight = end.point[end.free], end.prior.weight
-    data = end.curvature - np.diag(weight)
+    """Log evidence with the prior scale of some unknowns times each factor. **Arguments:** ``here``: the optimum."""
+    weight = end.prior.weight
+    data, data_cost = end.curvature - np.diag(weight), end.cost - prior_at(here, parts).cost
     pull, found = end.curvature @ here, []
-    for factor in factors(data, weight, group, largest):
+    for factor in scales:
         by = np.ones(len(here))
         by[group] = factor
         curvature = data + np.diag(prior_at(here / by, parts).weight / by**2)
         there = np.linalg.solve(curvature, pull)
         step = there - here
-        fit = end.data_cost + 0.5 * float(step @ data @ step) - float((weight * here) @ step)
+        fit = data_cost + 0.5 * float(step @ data @ step) - float((weight * here) @ step)
         cost = fit + prior_at(there / by, parts).cost
         found.append(log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - len(group) * np.log(factor))
     return found
