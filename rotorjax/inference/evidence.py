@@ -1,9 +1,10 @@
 """The evidence of one optimum: Laplace's method, averaged over how strong each effect is usually.
 
-A declared prior scale is right within decades only. The evidence is the mean over prior scales s_k = 3^k times the
-declared one, for the strength of every effect by itself: from where it could just be seen up to three times the
-declared scale, or 81 times for a force that depends on motion and a probe's saturation. Of two effects that fit as well
-with as many parameters neither is then preferred for the scale that somebody chose.
+A declared prior scale says how strong an effect may well be; that most are weaker by decades is as likely. The
+evidence is the mean over prior scales s_k = 3^k times the declared one, for the strength of every effect by itself:
+from where it could just be seen up to the declared scale, or 2000 times that for a force that depends on motion and a
+probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for the scale that
+somebody chose.
 
 To first order about the optimum at the declared scales, where the curvature of the data is A, that of the prior W and
 both together H = A + W, the optimum u moves to v under another prior W_k:
@@ -27,7 +28,7 @@ from rotorjax.inference.space import Space
 
 STEP = 3.0
 """From one prior scale to the next."""
-LARGEST, LARGEST_OPEN = 1, 4
+LARGEST, LARGEST_OPEN = 0, 7
 """Largest power of it: in general, and of a size that is left open (`rotorjax.inference.prior`)."""
 SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""

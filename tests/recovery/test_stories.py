@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotorjax import explain, read_measurement, read_rig
+from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, read_measurement, read_rig, response
 from rotorjax.data.rig import Rig
 from rotorjax.reporting.explanation import explanation_page, explanation_text, notes, sentence, ties_table
 from rotorjax.reporting.explanation_json import explanation_json
@@ -29,12 +29,12 @@ def rk4():
 
 
 def test_real_measurements(rk4):
-    """Residual unbalance, tied with bow; the reference offset; tenfold on data held out; the rest is scatter between
+    """Residual bow, tied with unbalance; the reference offset; tenfold on data held out; the rest is scatter between
     mountings.
     """
-    assert rk4.effects == ("residual_unbalance", "phase_reference_offset")
-    group = next(g for g in rk4.ties.groups() if g[0] == ["residual_unbalance"])
-    assert ["residual_bow"] in group
+    assert rk4.effects == ("residual_bow", "phase_reference_offset")
+    group = next(g for g in rk4.ties.groups() if g[0] == ["residual_bow"])
+    assert ["residual_unbalance"] in group
     before, after = rk4.story.declared.rms, rk4.story.fits[-1].held_out_rms
     assert before * 1e6 == pytest.approx(17.0, abs=0.1)
     assert after * 1e6 == pytest.approx(0.98, abs=0.06)
@@ -51,18 +51,27 @@ def test_ties_tell_whether_they_predict_the_same(rk4):
     apart = {tuple(t["effects"]): t["standardised_difference"] for t in explanation_json(rk4)["tied_predictions"]}
     assert set(apart) == {other.effects for other in rk4.ties.tied}
     assert all(value >= 0.0 for value in apart.values())
-    bow = next(other for other in rk4.ties.tied if other.effects == ("residual_bow",))
-    shown, own = bow.contender.best.local.error, rk4.ties.winner.best.local.error
-    assert apart["residual_bow",] == pytest.approx(np.sqrt(np.mean((shown - own) ** 2)), rel=0.1)
+    other = next(other for other in rk4.ties.tied if other.effects == ("residual_unbalance",))
+    shown, own = other.contender.best.local.error, rk4.ties.winner.best.local.error
+    assert apart["residual_unbalance",] == pytest.approx(np.sqrt(np.mean((shown - own) ** 2)), rel=0.1)
 
 
-def test_of_many_ties_the_sentence_names_one_and_a_table_lists_all(rk4):
-    groups = [names for names in rk4.ties.groups() if len(names) > 3]
+def test_of_many_ties_the_sentence_names_one_and_a_table_lists_all():
+    """At six neighbouring speeds of one run most excitations, and a gain, turn with the shaft alike."""
+    speeds = np.linspace(2800.0, 3000.0, 6) * np.pi / 30.0
+    conditions = Conditions(speeds, np.tile([[[30e-6, 0.0]]], (6, 1, 1)), np.zeros((6, 2)))
+    model = Model(Jeffcott(0.98, [140104.0, 137098.0], [0.011, 0.0138]))
+    z, rng = np.asarray(response(model + effects.ResidualUnbalance(4e-6, 5e-6), conditions)), np.random.default_rng(0)
+    z = z + 1e-6 * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    measurement = Measurement.from_arrays(z, conditions, run=np.zeros(6, int), runs=("baseline",), sigma=1e-6)
+    only = ("residual_unbalance", "residual_bow", "thermal_bow", "chain_gain", "misalignment")
+    found = explain(model, measurement, only=only, thorough=False)
+    groups = [names for names in found.ties.groups() if len(names) > 3]
     assert groups
     for names in groups:
-        assert f"or from {len(names) - 2} other sets listed below" in sentence(rk4)
-    assert len(ties_table(rk4).rows) == len(rk4.ties.tied)
-    assert ties_table(rk4).text() in explanation_text(rk4)
+        assert f"or from {len(names) - 2} other sets listed below" in sentence(found)
+    assert len(ties_table(found).rows) == len(found.ties.tied)
+    assert ties_table(found).text() in explanation_text(found)
 
 
 def test_scatter_between_mountings_is_quantified(rk4):
