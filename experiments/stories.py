@@ -113,7 +113,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
     print(
-        "Every measurement is explained, with a report for each: some two minutes on two cores, a third of it the "
+        "Every measurement is explained, with a report for each: two to five minutes on two cores, a third of it the "
         "measured vectors.\n",
         flush=True,
     )

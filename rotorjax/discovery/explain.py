@@ -298,8 +298,7 @@ def _with_ties(
         better = ties.better(contest, selection.most)
         if better is None:
             break
-        others = [t.contender for t in (*ties.tied, *ties.of_small)]
-        selection = retold(selection, better.effects, {c.effects: c for c in others})
+        selection = retold(selection, better.effects, ties.raced)
         noise = Noise(misfit_left(contest, better), contest.floor.scatter)
         ties = find_ties(contest, selection, noise, catalog)
     return selection, ties, noise
