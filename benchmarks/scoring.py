@@ -175,9 +175,10 @@ def rate(
     """How many of some rows pass a test. **Arguments:** ``oracle``: it passes, too, where the truth, fitted from
     its true values, is more probable than the answer by this much.
     """
-    known = oracle is not None and any("lead_of_truth" in row for row in rows)
-    passed = [test(row) or (known and _leads(row, oracle or 0.0)) for row in rows]
-    return Rate(name, sum(map(test, rows)), len(rows), goal, sum(passed) if known else None)
+    passed = None
+    if oracle is not None and any("lead_of_truth" in row for row in rows):
+        passed = sum(test(row) or _leads(row, oracle) for row in rows)
+    return Rate(name, sum(map(test, rows)), len(rows), goal, passed)
 
 
 def _leads(row: Row, by: float) -> bool:

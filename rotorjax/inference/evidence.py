@@ -35,7 +35,7 @@ SEEN = 5.0
 LEAST = -12
 """Smallest power of the step."""
 DETERMINED = 1.5
-"""Curvature in units of the prior's from which the data determine a direction."""
+"""Curvature in units of the prior's from which the data determine a direction: here that of the data alone."""
 
 
 def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> float:
