@@ -26,7 +26,7 @@ from rotorjax.compilation import spare_memory_maps, use_double_precision
 from rotorjax.data.files import write_whole
 from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.inference.budget import Budget
-from rotorjax.inference.evidence import strengths
+from rotorjax.inference.evidence import left_open
 from rotorjax.inference.linearised import Linearisation, Point
 from rotorjax.inference.motions import balanced
 from rotorjax.inference.prior import USUAL, together
@@ -70,14 +70,14 @@ class Likelihood:
         self.lin = Linearisation(contest.space, self.data, Budget(limit=None))
         self.free = np.asarray(self.best.free)
         self.parts = together(np.asarray(contest.space.open_size)[self.free])
-        self.strengths = list(strengths(contender.best, contest.space))
+        self.left_open = list(left_open(contender.best, contest.space))
         self.motions, self.at = self.best.motions, self.best.point
         self.radius, self.density = _tail()
 
     @property
     def dimensions(self) -> int:
-        """Of the unit cube: the free unknowns, and a prior scale for each strength."""
-        return len(self.free) + len(self.strengths)
+        """Of the unit cube: the free unknowns, and one for each prior that is averaged over."""
+        return len(self.free) + len(self.left_open)
 
     @property
     def sizes(self) -> list[np.ndarray]:
@@ -94,8 +94,8 @@ class Likelihood:
             else:
                 radius, angle = self._quantile(cube[size[0]], 2), 2.0 * math.pi * cube[size[1]]
                 free[size] = radius * np.array([math.cos(angle), math.sin(angle)])
-        for share, (group, scales) in zip(cube[len(self.free) :], self.strengths, strict=True):
-            free[group] *= scales[min(int(share * len(scales)), len(scales) - 1)]
+        for share, (group, widths) in zip(cube[len(self.free) :], self.left_open, strict=True):
+            free[group] = widths[min(int(share * len(widths)), len(widths) - 1)] @ free[group]
         return free
 
     def _quantile(self, share: float, count: int) -> float:

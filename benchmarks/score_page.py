@@ -17,6 +17,7 @@ from scoring import (
     by_effect,
     calibration,
     confusion,
+    held_out_ratios,
     hidden,
     is_confident_wrong,
     is_right,
@@ -44,10 +45,15 @@ def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> s
         "*Oracle*: the answer, or the truth, fitted from its true values, where that is more probable in the same race "
         "(ties: less than 3 behind)."
     )
+    explained = (
+        "*ECE*: expected calibration error; in brackets what as many probabilities that are exactly right would show "
+        "in the mean. *Error held out*: of right answers, over the noise and the tolerance of the model's form. "
+        "*Readings proposed*: taken on the rotor, and the table with them explained anew."
+    )
     parts = [
         "# Effects hidden in a detailed rotor, explained",
         f"{len(rows)} cases. *Seen* is what improves chi-square by more than {SEEN:g}.\n\n{listed}",
-        f"## Scores\n\n{summary}\n\n{oracle}",
+        f"## Scores\n\n{summary}\n\n{oracle} {explained}",
         f"## By improvement in chi-square\n\n{_by(by_decade(rows), 'improvement')}\n\n![by decade](decades.png)",
         f"## By effect, alone and seen\n\n{_by(by_effect(rows), 'effect')}\n\n![confusion](confusion.png)",
         "## Calibration\n\n![reliability](reliability.png)",
@@ -88,10 +94,13 @@ def _numbers(rows: Sequence[Row]) -> str:
             found = calibration([row for row in rows if row.get(key) is not None], key, below)
             if found is not None:
                 goal = "ECE <= 0.03" if key == "probability" and not where else ""
-                value = f"ECE {found.error:.3f}, Brier {found.brier:.3f}, {found.cases} cases"
+                value = f"ECE {found.error:.3f} ({found.by_chance:.3f}), Brier {found.brier:.3f}, {found.cases} cases"
                 listed.append([f"probabilities {words}{where}", value, goal])
     size = mean_set(rows)
     listed.append(["explanations in a set of 95 %, mean", "" if size is None else f"{size:.2f}", "<= 1.5"])
+    if ratios := held_out_ratios(rows):
+        value = f"{np.median(ratios):.2f}, {np.quantile(ratios, 0.9):.2f}"
+        listed.append(["error held out over what is expected, median and 90 %", value, "<= 1.1"])
     for key, words in (("linearisations", "linearisations of a case"), ("took", "seconds of a case")):
         values = [row[key] for row in rows if key in row]
         if values:
@@ -157,7 +166,7 @@ def draw_reliability(rows: Sequence[Row], path: Path) -> None:
     ax.set_xlabel("probability stated")
     ax.set_ylabel("share right")
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, loc="upper left")
+        ax.legend(frameon=False, loc="lower right")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -215,6 +215,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     mistaken = [row for row in in_catalogue if row["mistake"] and row["mistake_improvement"] > SEEN]
     two = [row for row in in_catalogue if len(row["effects"]) == 2 and row["mistake"] is None and weakest(row) > SEEN]
     usual = [row for row in two if row["poorer"] == "none"]
+    read_more = [row for row in in_catalogue if row.get("further_readings")]
     return [
         rate("1 % noise, standard plan: right", clean, is_right, ">= 0.97", 0.0),
         rate("the same, or said to tie", clean, is_right_or_tied, ">= 0.99", -TIE),
@@ -236,7 +237,27 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         rate("set of 95 %: holds the truth", with_set(rows), _in_set, "0.93 to 1.0"),
         rate("intervals of 90 %: hold the true value", intervals(rows, exact=True), bool, "0.85 to 0.95"),
         rate("the same, where the true value is an estimate", intervals(rows, exact=False), bool),
+        rate("readings proposed: settle what they separate", read_more, _settled_by("proposed"), ">= 0.80"),
+        rate("the same, by as many at random", read_more, _settled_by("random")),
+        rate("readings proposed: the answer or what ties holds the truth", read_more, _true_after("proposed")),
+        rate("the same, after as many at random", read_more, _true_after("random")),
     ]
+
+
+def _settled_by(which: str) -> Callable[[Row], bool]:
+    """Whether only one of two explanations that were open is so after further readings."""
+
+    def settled(row: Row) -> bool:
+        more = row["further_readings"]
+        left = [set(names) for names in (more[which]["named"], *more[which]["ties"])]
+        return sum(set(names) in left for names in more["separates"]) < len(more["separates"])
+
+    return settled
+
+
+def _true_after(which: str) -> Callable[[Row], bool]:
+    """Whether the truth is the answer after further readings, or among what ties with it."""
+    return lambda row: is_right_or_tied({**row, **row["further_readings"][which]})
 
 
 def _both_named(row: Row) -> bool:
@@ -306,6 +327,8 @@ class Calibration:
     """
     brier: float
     """Mean squared difference of probability and 1 or 0."""
+    by_chance: float
+    """What the error would be in the mean if all probabilities were exactly right."""
     bins: tuple[tuple[float, float, int], ...]
     """Mean probability, share right, cases."""
 
@@ -327,7 +350,27 @@ def calibration(rows: Sequence[Row], key: str = "probability", below: float = 1.
         if np.any(place == k)
     )
     error = sum(n * abs(mean - share) for mean, share, n in bins) / len(p)
-    return Calibration(len(p), float(error), float(np.mean((p - right) ** 2)), bins)
+    return Calibration(len(p), float(error), float(np.mean((p - right) ** 2)), by_chance(p), bins)
+
+
+def by_chance(p: Sequence[float], draws: int = 2000) -> float:
+    """Expected calibration error, in the mean, of as many probabilities that are exactly right."""
+    stated, rng = np.asarray(p), np.random.default_rng(0)
+    right = rng.random((draws, len(stated))) < stated
+    place = np.minimum((BINS * stated).astype(int), BINS - 1)
+    apart = [np.abs((right[:, place == k] - stated[place == k]).sum(axis=1)) for k in range(BINS)]
+    return float(np.mean(np.sum(apart, axis=0)) / len(stated))
+
+
+def held_out_ratios(rows: Sequence[Row]) -> list[float]:
+    """Error on data held out over what noise and the tolerance of the model's form let expect, of right answers that
+    add something.
+    """
+    return [
+        row["held_out_rms"] / row["error"]
+        for row in rows
+        if row["outside"] is None and row["named"] and is_right(row) and row.get("held_out_rms") is not None
+    ]
 
 
 def with_set(rows: Sequence[Row]) -> list[Row]:

@@ -45,6 +45,7 @@ def explained(seed: int) -> dict[str, Any]:
 
     from answers import answer  # noqa: PLC0415
     from from_truth import lead_of_truth  # noqa: PLC0415
+    from further_readings import after_further_readings  # noqa: PLC0415
 
     use_double_precision()
     case = draw(seed)
@@ -55,7 +56,8 @@ def explained(seed: int) -> dict[str, Any]:
     begin = time.perf_counter()
     found = explain(rig.model, measurement)
     seconds, true = time.perf_counter() - begin, truth(case)
-    row = {**true, **answer(found), "lead_of_truth": lead_of_truth(found, true), "took": seconds, "code": code()}
+    row = {**true, **answer(found), "took": seconds, "code": code()}
+    row |= {"lead_of_truth": lead_of_truth(found, true), "further_readings": after_further_readings(case, found)}
     spare_memory_maps()
     return row
 
@@ -76,7 +78,8 @@ def sources() -> str:
     """A digest of the code that the rows depend on."""
     digest = hashlib.sha256()
     files = [*(ROOT / "rotorjax").rglob("*.py"), *(ROOT / "benchmarks" / "detailed").rglob("*.py")]
-    for file in [*sorted(files), ROOT / "benchmarks" / "answers.py", ROOT / "benchmarks" / "from_truth.py"]:
+    asked = [ROOT / "benchmarks" / name for name in ("answers.py", "from_truth.py", "further_readings.py")]
+    for file in [*sorted(files), *asked]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
 

@@ -44,6 +44,17 @@ class Present:
 
 
 @dataclasses.dataclass(frozen=True)
+class Readings:
+    """Further readings in one run: one with nothing installed if it has another name than those there are."""
+
+    run: str
+    speeds: np.ndarray
+    """[rad/s]."""
+    new_probes: tuple[str, ...] = ()
+    """Probes without a reading so far."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Case:
     """Rig file, table, and what is true."""
 
@@ -68,6 +79,34 @@ class Case:
     """
     mistake: str | None
     mistake_improvement: float | None
+    bench: "_Bench"
+    plant: Plant
+    """What is measured."""
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the vectors' errors, by noise and the tolerance of the model's form [m]."""
+        spread = deviation(self.vectors, self.sigma, self.stated.tolerance)[self.present]
+        return float(np.sqrt(2.0 * np.mean(spread**2)))
+
+    def with_readings(self, further: Readings, rng: np.random.Generator) -> "Case":
+        """The same rotor with more readings in the table.
+
+        **Errors.** `NoSteadyStateError` where it does not come to a steady motion.
+        """
+        plan, weights = self.plan, dict(self.bench.weights)
+        names = plan.runs if further.run in plan.runs else (*plan.runs, further.run)
+        weights.setdefault(further.run, ((0j, next(iter(self.stated.planes))),))
+        run = np.full(len(further.speeds), names.index(further.run))
+        bench = dataclasses.replace(self.bench, plan=Plan(further.speeds, run, names, plan.orders), weights=weights)
+        z = _noisy(bench.settled(self.plant), self.sigma, plan.orders, rng)
+        read = self.present.any(axis=(0, 2)) | np.isin(list(self.stated.angles), further.new_probes)
+        whole = Plan(np.append(plan.speeds, further.speeds), np.append(plan.run, run), names, plan.orders)
+        present = np.broadcast_to(read[None, :, None], z.shape)
+        return dataclasses.replace(
+            self, plan=whole, stated=dataclasses.replace(self.stated, installed={**weights, **self.stated.installed}),
+            vectors=np.concatenate([self.vectors, z]), present=np.concatenate([self.present, present]),
+        )  # fmt: skip
 
     def table(self) -> str:
         """The measurement as CSV."""
@@ -154,15 +193,19 @@ def _drawn(seed: int, rng: np.random.Generator) -> Case:
     plant = _plant(bench, [(p.hidden, p.size) for p in placed])
     clean = bench.settled(plant)
     beyond = _beyond(bench, other, scale, clean, present) if other else None
-    z = clean + bench.sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
-    z = np.where(np.array(bench.plan.orders) == 0, z.real, z)
+    z = _noisy(clean, bench.sigma, bench.plan.orders, rng)
     case = Case(
         seed, kind, poorer, noise, bench.stated, bench.plan, z, present, bench.sigma,
         tuple(p for p in placed if p.hidden.name in EFFECTS),
         next((p for p in placed if p.hidden.name in OUTSIDE), None), beyond,
-        _detail(bench, healthy, present), None, None,
+        _detail(bench, healthy, present), None, None, bench, plant,
     )  # fmt: skip
     return _mistaken(case, rng) if kind.startswith("mistake") else case
+
+
+def _noisy(clean: np.ndarray, sigma: float, orders: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    z = clean + sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape))
+    return np.where(np.array(orders) == 0, z.real, z)
 
 
 def _names(seed: int, kind: str, rng: np.random.Generator) -> tuple[list[str], str | None]:

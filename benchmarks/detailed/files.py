@@ -26,6 +26,7 @@ def truth(case: Case) -> dict[str, Any]:
         "runs": len(case.plan.runs),
         "speeds": len(case.plan.speeds) // len(case.plan.runs),
         "cells": int(case.present.sum()),
+        "error": case.error,
         "uncertain": sorted(case.stated.uncertain),
         "effects": [p.hidden.name for p in case.effects],
         "outside": None if outside is None else outside.hidden.name,

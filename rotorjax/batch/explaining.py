@@ -10,6 +10,7 @@ from rotorjax.data.rig import Rig, read_measurement, read_rig
 from rotorjax.discovery.explain import explain
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.errors import InputError
+from rotorjax.reporting.explanation import readings_in_words
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.results import write_report
 from rotorjax.reporting.sizes import sizes
@@ -49,6 +50,7 @@ COLUMNS: dict[str, str | dict[str, str]] = {
     "ties": NAMES,
     "detected_but_small": NAMES,
     "missing_force": NAMES,
+    "next_measurement": TEXT,
     "next_run": TEXT,
     "next_speed_rpm": NUMBER,
     "next_new_probes": NAMES,
@@ -159,6 +161,7 @@ def row_of(found: Explanation, rig: Rig) -> dict[str, Any]:
         "ties": [" or ".join(" + ".join(names) for names in group) for group in told["ties"]],
         "detected_but_small": [small["effect"] for small in told["detected_but_small"]],
         "missing_force": [term["words"] for term in (told["missing_force"] or {}).get("terms", [])],
+        "next_measurement": None if found.next_measurement is None else readings_in_words(found.next_measurement),
         "next_run": further.get("run"),
         "next_speed_rpm": further.get("speed_rpm"),
         "next_new_probes": further.get("new_probes", []),

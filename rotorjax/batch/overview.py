@@ -75,8 +75,8 @@ def overview(rows: Sequence[Mapping[str, Any]], *, title: str, folder: Path, pla
 def _line(row: Mapping[str, Any], folder: Path) -> Line:
     if row.get("failure"):
         return Line(row["name"], "", FAILED, row["failure"].split("\n"), [], "", "", "", [])
-    further = row.get("next_run")
-    measure = [] if further is None else [f"measure next: {further} at {row['next_speed_rpm']:.0f} rpm"]
+    further = row.get("next_measurement")
+    measure = [] if further is None else [f"measure next: {further}"]
     wrong = [f"written down wrongly: {row['change']}"] if row.get("change") else []
     force = [f"force: {words}" for words in row["missing_force"]] if row["verdict"] == "unexplained" else []
     return Line(

@@ -46,6 +46,8 @@ UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
 MOST_LEADERS = 3
 """Ties, one after the other, that turn out more probable than the answer and take its place."""
+MOST_SEPARATED = 4
+"""Ties of which readings are looked for that would settle them."""
 
 LINEARISATIONS = 750_000
 """Single cases that an explanation may linearise."""
@@ -229,13 +231,17 @@ def _more_than_noise(selection: Selection, last: Fit, stages: "_Stages") -> PVal
 
 
 def _proposal(contest: Contest, ties: Ties, noise: Noise) -> Proposal | None:
-    """A reading that would settle the nearest tie that one would settle."""
-    for other in ties.tied:
+    """Readings that would settle the nearest tie that readings would settle, or else those that tell most."""
+    best: Proposal | None = None
+    for other in ties.tied[:MOST_SEPARATED]:
         names = other.instead_of, other.effects
         found = next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
-        if found is not None:
-            return found
-    return None
+        if found is None or (best is not None and best.standardised_difference >= found.standardised_difference):
+            continue
+        best = found
+        if best.settles:
+            break
+    return best
 
 
 def _outside_the_catalogue(

@@ -1,9 +1,10 @@
-"""The measurement that would tell two explanations apart best, within the user's limits."""
+"""The readings that would tell two explanations apart best, within the user's limits."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
@@ -15,93 +16,138 @@ from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.conditions import Conditions
 from rotorjax.physics.steady_state import without_timed
-from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM
 
 SPEEDS = 41
 """Speeds tried within the limits."""
 MOST_RUNS = 5
 """Runs tried: those that differ most from one another in what is installed."""
+MOST_READINGS = 6
+"""Readings proposed at most, all in one run."""
 TELLING = 2.0
-"""Standard errors by which predictions must differ for a reading to be worth proposing."""
+"""Standard errors by which predictions must differ for readings to be worth proposing."""
+SETTLES = 4.0
+"""Standard errors at which no further reading is proposed: the log evidence changes by half their square, 8 ± 4."""
 BARE, TRIAL = "a run with nothing installed", "a run with nothing but a trial weight of {:g} g mm at 0° (first plane)"
 
 
 class Proposal(NamedTuple):
-    """One reading, and by how many standard errors the predictions of two explanations differ there."""
+    """Readings in one run, and by how many standard errors the predictions of two explanations differ there."""
 
     run: str
-    speed_rpm: float
+    speeds_rpm: tuple[float, ...]
+    """The most telling first, each chosen beside those before."""
     separates: tuple[tuple[str, ...], tuple[str, ...]]
     standardised_difference: float
     new_probes: tuple[str, ...] = ()
     """Probes of the rig without a reading so far, if it takes them to tell."""
 
+    @property
+    def settles(self) -> bool:
+        """Whether it is to be expected that the readings settle the tie."""
+        return self.standardised_difference >= SETTLES
+
+
+class Shown(NamedTuple):
+    """What two explanations predict at conditions that may be measured."""
+
+    apart: Float[np.ndarray, "case cell"]
+    """Difference of the vectors, real and imaginary parts [m]."""
+    spread: Float[np.ndarray, "case cell free"]
+    """How what the parameters of both leave open spreads it [m]."""
+    variance: Float[np.ndarray, "case"]
+    """Of a reading [m²]."""
+    allowed: Bool[np.ndarray, "case"]
+
 
 def next_measurement(
     contest: Contest, noise: Noise, first: End, second: End, names: tuple[tuple[str, ...], tuple[str, ...]]
 ) -> Proposal | None:
-    """The run and speed at which two fitted explanations differ most.
+    """The run and the speeds at which two fitted explanations differ most: as few readings as settle the tie.
 
-    The difference counts in standard errors of noise and of what the parameters of both leave open. Near a resonance of
-    either nothing is proposed: there the model's own error rules. Probes that were never read count only where the
-    others would not tell. None if no reading within the limits would tell.
+    The difference counts in standard errors of noise and of what the parameters of both leave open, for all readings
+    together. Near a resonance of either nothing is proposed: there the model's own error rules. Probes that were never
+    read count only where the others would not tell. None if no readings within the limits would tell.
     """
     runs = _runs(contest)
-    peaks = np.concatenate(
-        [
-            critical_speeds_rpm(without_timed(contest.space.model_at(end.point)).with_orders((1.0,)))
-            for end in (first, second)
-        ]
-    )
     measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
-    low, high = limits.speed_rpm or (0.5 * measured.min(), 1.5 * measured.max())
+    low, high = limits.speed_rpm or (0.5 * measured.min(), measured.max())
     speeds = np.linspace(low, high, SPEEDS)
     unbalance = np.repeat(np.stack([u for u, _ in runs.values()]), SPEEDS, axis=0)
     bow = np.repeat(np.stack([b for _, b in runs.values()]), SPEEDS, axis=0)
     conditions = Conditions.at_rpm(np.tile(speeds, len(runs)), unbalance=unbalance, bow=bow)
-    shown, spread = zip(*(_prediction(contest, conditions, end) for end in (first, second)), strict=True)
-    known = np.all([np.isfinite(z).all(axis=(1, 2)) for z in (*shown, *spread)], axis=0)
-    shown, spread = ([np.where(known[:, None, None], z, 0.0) for z in values] for values in (shown, spread))
-    weight = contest.measurement.weights(noise.allowance)
-    sigma = float(1.0 / np.median(weight[weight > 0.0]))
-    speed = np.tile(speeds, len(runs))
-    allowed = (
-        np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1) if len(peaks) else np.ones(len(speed), bool)
-    )
-    largest = max(float(np.abs(contest.measurement.vectors).max()), MICROMETRE) * 3.0
-    most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
-    # Where a force depends on the motion there may be no steady state to compute.
-    allowed &= known & np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
-    if not allowed.any():
-        return None
+    shown = _shown(contest, noise, conditions, (first, second))
     read = contest.measurement.probes_read
     new = tuple(probe for probe in contest.measurement.probes if probe not in read)
     for further in [(), new] if new else [()]:
-        size = np.where(allowed, _apart(contest, shown, spread, sigma, read + further), -1.0)
-        best = int(np.argmax(size))
-        if size[best] >= TELLING:
-            return Proposal(list(runs)[best // SPEEDS], float(speed[best]), names, float(size[best]), further)
+        cells = _cells(contest, read + further)
+        proposals = []
+        for k, run in enumerate(runs):
+            here = slice(k * SPEEDS, (k + 1) * SPEEDS)
+            of_run = Shown(*(values[here] for values in shown))
+            chosen, differ = chosen_readings(
+                of_run._replace(apart=of_run.apart[:, cells], spread=of_run.spread[:, cells])
+            )
+            proposals.append(Proposal(run, tuple(float(speeds[c]) for c in chosen), names, differ, further))
+        best = max(
+            proposals, key=lambda p: (p.settles, -len(p.speeds_rpm) if p.settles else 0, p.standardised_difference)
+        )
+        if best.standardised_difference >= TELLING:
+            return best
     return None
 
 
-def _apart(
-    contest: Contest, shown: list[np.ndarray], spread: list[np.ndarray], sigma: float, probes: tuple[str, ...]
-) -> Float[np.ndarray, "case"]:
-    """Standard errors by which two predictions differ at some of the probes, with what the parameters of both leave
-    open.
+def _shown(contest: Contest, noise: Noise, conditions: Conditions, ends: tuple[End, End]) -> Shown:
+    shown, spread = zip(*(_prediction(contest, conditions, end) for end in ends), strict=True)
+    known = np.all([np.isfinite(z).all(axis=(1, 2)) for z in (*shown, *spread)], axis=0)
+    shown, spread = ([np.where(known[:, None, None], z, 0.0) for z in values] for values in (shown, spread))
+    m, limits = contest.measurement, contest.measurement.knowledge.limits
+    speed = np.asarray(conditions.speed) / RPM
+    models = [without_timed(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
+    peaks = np.concatenate([critical_speeds_rpm(model) for model in models])
+    # Where a force depends on the motion there may be no steady state to compute.
+    allowed = known & np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1)
+    largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
+    most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
+    allowed &= np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
+    weight = m.weights(noise.allowance)
+    variance = np.full(len(speed), float(1.0 / np.median(weight[weight > 0.0])) ** 2)
+    apart = numpy_pair(shown[0] - shown[1]).reshape(len(speed), -1)
+    return Shown(apart, np.concatenate(spread, axis=2), variance, allowed)
+
+
+def _cells(contest: Contest, probes: tuple[str, ...]) -> Bool[np.ndarray, "cell"]:
+    """Real and imaginary parts that some probes read; not of half orders, which have no sign to be compared."""
+    m = contest.measurement
+    return np.repeat([probe in probes and not is_half_order(n) for probe in m.probes for n in m.orders], 2)
+
+
+def chosen_readings(shown: Shown) -> tuple[list[int], float]:
+    """Cases chosen one by one, each the most telling beside those before, and by how much the predictions differ at all
+    of them, in standard errors.
+
+    What the readings before have told about the parameters is taken into account as in a Kalman filter.
     """
-    # Half orders have no sign that a reading could be compared with.
-    cells = np.repeat(
-        [
-            probe in probes and not is_half_order(n)
-            for probe in contest.measurement.probes
-            for n in contest.measurement.orders
-        ],
-        2,
-    )
-    gap = numpy_pair(shown[0] - shown[1]).reshape(len(shown[0]), -1)[:, cells]
-    covariance = sigma**2 * np.eye(gap.shape[1]) + sum(s[:, cells] @ np.swapaxes(s[:, cells], 1, 2) for s in spread)
-    return np.sqrt(np.maximum(np.einsum("ci,ci->c", gap, np.linalg.solve(covariance, gap[..., None])[..., 0]), 0.0))
+    free = shown.spread.shape[2]
+    mean, root = np.zeros(free), np.eye(free)
+    chosen: list[int] = []
+    total = 0.0
+    while len(chosen) < MOST_READINGS and total < SETTLES**2:
+        left = shown.apart - shown.spread @ mean
+        spread = shown.spread @ root
+        covariance = shown.variance[:, None, None] * np.eye(left.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
+        whitened = np.linalg.solve(covariance, left[..., None])[..., 0]
+        gain = np.where(shown.allowed, np.einsum("ci,ci->c", left, whitened), -1.0)
+        gain[chosen] = -1.0
+        best = int(np.argmax(gain))
+        if gain[best] <= 0.0:
+            break
+        chosen.append(best)
+        total += float(gain[best])
+        mean = mean + root @ spread[best].T @ whitened[best]
+        told = np.eye(free) + spread[best].T @ spread[best] / shown.variance[best]
+        root = root @ np.linalg.inv(np.linalg.cholesky(told)).T
+    return chosen, math.sqrt(total)
 
 
 def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -16,7 +16,6 @@ from rotorjax.discovery.search import PRICE, Selection
 from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import End
-from rotorjax.inference.evidence import DETERMINED
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
 from rotorjax.model.contract import Effect
@@ -109,7 +108,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         alternative = Alternative(
             tuple(sorted(gone)), tuple(sorted(instead)), gap, other, _apart(contest, noise, winner.best, other.best)
         )
-        larger = gap > 0.0 and _determined(other.best) > _determined(winner.best)
+        larger = gap > 0.0 and other.best.determined.shape[1] > winner.best.determined.shape[1]
         better = winner.best.cost - other.best.cost
         more = not gone or _is_special_case(contest, gone, instead)
         if (gap < TIE or other.effects in leads) and not (more and larger and abs(better) < AS_GOOD):
@@ -263,13 +262,3 @@ def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:
         here - half_order_sign(here, there, weight, np.array([is_half_order(order) for order in m.orders])) * there
     )
     return float(np.sqrt(np.mean(gap[weight > 0.0] ** 2))) if np.any(weight) else 0.0
-
-
-def _determined(end: End) -> int:
-    """Directions that the data determine beyond the prior."""
-    width = end.prior_width[end.free]
-    return (
-        int(np.count_nonzero(np.linalg.eigvalsh(width[:, None] * end.curvature * width) > DETERMINED))
-        if len(end.free)
-        else 0
-    )

@@ -37,8 +37,8 @@ class StiffnessError(MatrixEffect):
     meaning: ClassVar[str] = "shaft and bearings stiffer or softer than the rig file says, per axis"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.2"
     relatives: ClassVar[tuple[str, ...]] = ("mass_error", "speed_error")
-    error_x: Array = parameter("relative error along x", scale=0.05)
-    error_y: Array = parameter("relative error along y", scale=0.05)
+    error_x: Array = parameter("relative error along x", scale=0.05, alike=True)
+    error_y: Array = parameter("relative error along y", scale=0.05, alike=True)
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(path_stiffness=diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
@@ -73,8 +73,8 @@ class DampingError(MatrixEffect):
     meaning: ClassVar[str] = "damping more or less than the rig file says, per axis"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.3"
     relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
-    log_ratio_x: Array = parameter("natural logarithm of true over nominal, along x", scale=0.5)
-    log_ratio_y: Array = parameter("natural logarithm of true over nominal, along y", scale=0.5)
+    log_ratio_x: Array = parameter("natural logarithm of true over nominal, along x", scale=0.5, alike=True)
+    log_ratio_y: Array = parameter("natural logarithm of true over nominal, along y", scale=0.5, alike=True)
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = jnp.expm1(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
@@ -130,8 +130,8 @@ class SpeedDependentStiffness(MatrixEffect):
     meaning: ClassVar[str] = "bearings or shaft stiffen with speed"
     source: ClassVar[str] = "Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 3"
     relatives: ClassVar[tuple[str, ...]] = ("mass_error", "gyroscopic")
-    error_x: Array = parameter("relative growth along x at the natural frequency", scale=0.1)
-    error_y: Array = parameter("relative growth along y at the natural frequency", scale=0.1)
+    error_x: Array = parameter("relative growth along x at the natural frequency", scale=0.1, alike=True)
+    error_y: Array = parameter("relative growth along y at the natural frequency", scale=0.1, alike=True)
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = (point.speed / point.rotor.natural_frequency()) ** 2

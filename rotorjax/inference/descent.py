@@ -29,6 +29,8 @@ HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
 DISTINCT = 3.0
 """Posterior standard deviations apart from which two optima count as two."""
+DETERMINED = 1.5
+"""Curvature of the data, in units of the prior's, from which they determine a direction."""
 
 
 class Local(NamedTuple):
@@ -61,6 +63,18 @@ class End(NamedTuple):
     result: int
     exact: bool
     """False where motions are left that do not balance."""
+
+    @property
+    def told(self) -> Float[np.ndarray, "free free"]:
+        """The curvature of the data alone."""
+        return self.curvature - np.diag(self.prior.weight)
+
+    @property
+    def determined(self) -> Float[np.ndarray, "free determined"]:
+        """Directions that the data determine beyond the prior, orthonormal in units of its width there."""
+        width = self.prior_width[self.free]
+        curvatures, directions = np.linalg.eigh(width[:, None] * self.told * width)
+        return directions[:, curvatures > DETERMINED]
 
     @property
     def data_cost(self) -> float:

@@ -4,13 +4,16 @@ A declared prior scale says how strong an effect may well be; that most are weak
 evidence is the mean over prior scales s_k = 3^k times the declared one, for the strength of every effect by itself:
 from where it could just be seen up to the declared scale, or 2000 times that for a force that depends on motion and a
 probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for the scale that
-somebody chose.
+somebody chose. Parameters that are often the same, like errors of the stiffness along x and y, are so in half of all
+cases: an effect that is alike in both directions does not pay for two parameters.
 
-To first order about the optimum at the declared scales, where the curvature of the data is A, that of the prior W and
-both together H = A + W, the optimum u moves to v under another prior W_k:
+Each of these priors is that of unknowns T_k w, with w as declared. To first order about the optimum at the declared
+scales, where the curvature of the data is A, that of the prior W and both together H = A + W, the optimum u moves to v
+under another prior, of curvature W_k:
 
     v = (A + W_k)⁻¹ H u
-    ln Z_k = -[cost of the data + ½ (v-u)ᵀ A (v-u) - uᵀ W (v-u)] - [cost of the prior at v] - ½ ln |A + W_k| - n ln s_k
+    ln Z_k = -[cost of the data + ½ (v-u)ᵀ A (v-u) - uᵀ W (v-u)] - [cost of the prior at T_k⁻¹ v] - ½ ln |A + W_k|
+             - ln |T_k|
 
 Exact where the vectors are linear in the parameters. (Mixtures over the scale of a prior: Liang, Paulo, Molina, Clyde,
 Berger 2008, J. Am. Stat. Assoc. 103:410-423.)
@@ -34,8 +37,8 @@ SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
 LEAST = -12
 """Smallest power of the step."""
-DETERMINED = 1.5
-"""Curvature in units of the prior's from which the data determine a direction: here that of the data alone."""
+ALIKE = 0.01
+"""Standard deviation of the differences of parameters that are the same, in prior scales."""
 
 
 def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> float:
@@ -49,9 +52,9 @@ def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> fl
         return own
     parts, total = together(np.asarray(space.open_size)[end.free]), own
     here = _determined(end)
-    for group, scales in strengths(end, space):
-        at_scales = _at_scales(end, here, group, scales, parts, log_of)
-        total += float(np.logaddexp.reduce(at_scales)) - np.log(len(at_scales)) - own
+    for group, widths in left_open(end, space):
+        logs = [_under(end, here, group, width, parts, log_of) for width in widths]
+        total += float(np.logaddexp.reduce(logs)) - np.log(len(logs)) - own
     return total
 
 
@@ -59,47 +62,55 @@ def _determined(end: End) -> Float[np.ndarray, "free"]:
     """The optimum, zero in directions that the data do not determine: along a curved valley a fit may have stopped
     where the prior still pulls.
     """
-    width = 1.0 / np.sqrt(end.prior.weight)
-    data = width[:, None] * (end.curvature - np.diag(end.prior.weight)) * width
-    curvatures, directions = np.linalg.eigh(data)
-    kept = directions[:, curvatures > DETERMINED]
+    width, kept = end.prior_width[end.free], end.determined
     return width * (kept @ (kept.T @ (end.point[end.free] / width)))
 
 
-def strengths(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"], Float[np.ndarray, "scale"]]]:
-    """Free unknowns that are one strength together, and the factors of their declared prior scale that are averaged
-    over.
+def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"], list[Float[np.ndarray, "part part"]]]]:
+    """Free unknowns whose prior is averaged over, together, and the priors: the matrices T that make unknowns T w of
+    unknowns w with the declared one.
     """
-    numbers, sizes = (np.asarray(a)[end.free] for a in (space.strength, space.open_size))
-    weight = end.prior.weight
-    for number in np.unique(numbers[numbers >= 0]):
-        group = np.flatnonzero(numbers == number)
+    strength, alike, sizes = (np.asarray(a)[end.free] for a in (space.strength, space.alike, space.open_size))
+    for number in np.unique(strength[strength >= 0]):
+        group = np.flatnonzero(strength == number)
         largest = LARGEST_OPEN if sizes[group[0]] >= 0 else LARGEST
-        yield group, factors(end.curvature - np.diag(weight), weight, group, largest)
+        scales = factors(end.told, end.prior.weight, group, largest)
+        yield group, [scale * same for scale in scales for same in _same_or_not(alike[group])]
+    for number in np.unique(alike[(alike >= 0) & (strength < 0)]):
+        group = np.flatnonzero(alike == number)
+        yield group, _same_or_not(alike[group])
 
 
-def _at_scales(
+def _same_or_not(alike: Int[np.ndarray, "part"]) -> list[Float[np.ndarray, "part part"]]:
+    """Matrices T as in `left_open`: each unknown by itself, and those that are alike the same but for `ALIKE`."""
+    each, count = np.eye(len(alike)), int(np.count_nonzero(alike >= 0))
+    if count < 2:
+        return [each]
+    mean, same = np.full((count, count), 1.0 / count), each.copy()
+    same[np.ix_(alike >= 0, alike >= 0)] = np.sqrt(count) * mean + ALIKE * (np.eye(count) - mean)
+    return [each, same]
+
+
+def _under(
     end: End,
     here: Float[np.ndarray, "free"],
     group: Int[np.ndarray, "part"],
-    scales: Float[np.ndarray, "scale"],
+    width: Float[np.ndarray, "part part"],
     parts: Float[np.ndarray, "free free"],
     log_of: Callable[[float], float],
-) -> list[float]:
-    """Log evidence with the prior scale of some unknowns times each factor. **Arguments:** ``here``: the optimum."""
-    weight = end.prior.weight
-    data, data_cost = end.curvature - np.diag(weight), end.cost - prior_at(here, parts).cost
-    pull, found = end.curvature @ here, []
-    for factor in scales:
-        by = np.ones(len(here))
-        by[group] = factor
-        curvature = data + np.diag(prior_at(here / by, parts).weight / by**2)
-        there = np.linalg.solve(curvature, pull)
-        step = there - here
-        fit = data_cost + 0.5 * float(step @ data @ step) - float((weight * here) @ step)
-        cost = fit + prior_at(there / by, parts).cost
-        found.append(log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - len(group) * np.log(factor))
-    return found
+) -> float:
+    """Log evidence with the prior of some unknowns T times as wide. **Arguments:** ``here``: the optimum; ``width``:
+    T.
+    """
+    narrowed = np.eye(len(here))
+    narrowed[np.ix_(group, group)] = np.linalg.inv(width)
+    curvature = end.told + narrowed.T @ np.diag(prior_at(narrowed @ here, parts).weight) @ narrowed
+    there = np.linalg.solve(curvature, end.curvature @ here)
+    step = there - here
+    data_cost = end.cost - prior_at(here, parts).cost
+    fit = data_cost + 0.5 * float(step @ end.told @ step) - float((end.prior.weight * here) @ step)
+    cost = fit + prior_at(narrowed @ there, parts).cost
+    return log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - float(np.linalg.slogdet(width)[1])
 
 
 def factors(

@@ -50,6 +50,7 @@ class Parameter(NamedTuple):
     of: str
     axes: tuple[Axis, ...]
     shape_only: bool = False
+    alike: bool = False
 
     @property
     def unit(self) -> Unit:
@@ -78,7 +79,13 @@ class Parameter(NamedTuple):
 
 
 def parameter(
-    meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = (), shape_only: bool = False
+    meaning: str,
+    *,
+    scale: float,
+    of: str = "one",
+    axes: tuple[Axis, ...] = (),
+    shape_only: bool = False,
+    alike: bool = False,
 ) -> Any:
     """Declare a field of an effect as one of its parameters. Zero means that the effect is absent.
 
@@ -86,9 +93,11 @@ def parameter(
     times that quantity of the rig (`AbstractRotor.quantities`, "one" for a number in SI); ``axes``: one value per
     probe, order or plane after the first; ``shape_only``: it says how the effect acts and not how strongly, like a gap
     or a coefficient of friction, so that its prior scale is what is declared and not left open over decades
-    (`rotorjax.inference.evidence`). The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
+    (`rotorjax.inference.evidence`); ``alike``: as likely as not it has the same value as the effect's others that are
+    declared so, like errors of the stiffness along x and y. The unit is the ending of the field's name (``_n_per_m``,
+    ``_rad``).
     """
-    declared = (meaning, scale, of, axes, shape_only)
+    declared = (meaning, scale, of, axes, shape_only, alike)
     return eqx.field(default=0.0, converter=as_float, metadata={"parameter": declared})
 
 

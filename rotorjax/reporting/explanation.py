@@ -3,6 +3,7 @@
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.explanation import Explanation
+from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
@@ -93,10 +94,10 @@ def next_lines(found: Explanation) -> list[str]:
         n = found.next_measurement
         one, other = (said(names) for names in n.separates)
         differ = f"{one} and {other} differ by" if one else f"{other} would show by"
-        probes = f", with {listed(n.new_probes)}, not read so far" if n.new_probes else ""
+        doubt = "" if n.settles else "; that need not settle it"
         return [
-            f"Measure next: {n.run} at {n.speed_rpm:.0f} rpm{probes}; there {differ} "
-            f"{number(n.standardised_difference, 2)} standard errors."
+            f"Measure next: {readings_in_words(n)}; there {differ} "
+            f"{number(n.standardised_difference, 2)} standard errors{doubt}."
         ]
     if not found.ties.tied:
         return []
@@ -107,7 +108,14 @@ def next_lines(found: Explanation) -> list[str]:
         and names & {"residual_bow", "thermal_bow"}
     ):
         advice = "; vectors without the slow-roll subtraction would tell a bow from an unbalance"
-    return [f"No reading within the limits would settle the tie{advice}."]
+    return [f"No readings within the limits would settle the tie{advice}."]
+
+
+def readings_in_words(proposal: Proposal) -> str:
+    """The readings proposed: run, speeds, probes not read so far."""
+    speeds = listed([f"{speed:.0f}" for speed in sorted(proposal.speeds_rpm)])
+    probes = f", with {listed(proposal.new_probes)}, not read so far" if proposal.new_probes else ""
+    return f"{proposal.run} at {speeds} rpm{probes}"
 
 
 def _open_names(found: Explanation) -> set[str]:

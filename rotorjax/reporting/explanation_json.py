@@ -72,7 +72,8 @@ def _next_measurement_json(proposal: Proposal | None) -> dict[str, Any] | None:
         return None
     return {
         "run": proposal.run,
-        "speed_rpm": proposal.speed_rpm,
+        "speed_rpm": proposal.speeds_rpm[0],
+        "speeds_rpm": list(proposal.speeds_rpm),
         "new_probes": list(proposal.new_probes),
         "separates": [" + ".join(names) for names in proposal.separates],
         "standardised_difference": proposal.standardised_difference,

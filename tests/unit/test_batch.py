@@ -308,7 +308,7 @@ def test_the_overview_begins_with_what_needs_attention_and_escapes_names(tmp_pat
         row("calm", "nothing missing", 50.0),
         row("small", "explained", 1.0),
         row("large", "explained", 9.0),
-        row("open", "undecided", 2.0, ties=["crack or rub"], next_run="baseline", next_speed_rpm=1850.0),
+        row("open", "undecided", 2.0, ties=["crack or rub"], next_measurement="baseline at 1850 rpm"),
         row("strange", "unexplained", 3.0, missing_force=["a stiff force"]),
         row(HOSTILE, None, failure=f"{HOSTILE}: bad\nsecond line"),
     ]

@@ -17,7 +17,7 @@ from rotorjax.physics.response import response
 
 import scoring
 from detailed import hidden as hide
-from detailed.case import draw
+from detailed.case import Readings, draw
 from detailed.files import truth, write
 from detailed.hidden import DOWN, EFFECTS, Scale
 from score_page import write_page
@@ -66,6 +66,21 @@ def test_files_are_read_as_they_are_meant(tmp_path):
     assert np.allclose(plain, case.stated.predicted(case.plan), rtol=1e-5, atol=1e-12)
     told = json.loads((tmp_path / "cases-answers.jsonl").read_text())
     assert told == json.loads(json.dumps(truth(case)))
+
+
+def test_further_readings_are_of_the_same_rotor(tmp_path, rng):
+    """At a speed that was read before they are the same vectors but for noise."""
+    case = draw(LINEAR)
+    again = Readings(case.plan.runs[-1], case.plan.speeds[-2:])
+    grown = case.with_readings(again, rng)
+    gap = grown.vectors[-2:] - case.vectors[-2:]
+    assert np.max(np.abs(gap)) < 8.0 * case.sigma
+    assert np.min(np.abs(gap[..., case.plan.orders.index(1)])) > 0.0
+    bare = case.with_readings(Readings("bare", np.array([case.plan.speeds[0]])), rng)
+    write([bare], tmp_path / "cases")
+    measurement = read_measurement(tmp_path / "cases/000005.csv", read_rig(tmp_path / "cases/000005.toml"))
+    assert measurement.runs[-1] == "bare"
+    assert not np.any(np.asarray(measurement.conditions.unbalance)[-1])
 
 
 def test_a_mistake_is_one_that_the_answers_know(tmp_path):
@@ -130,6 +145,22 @@ def test_the_oracle_has_the_truth_where_it_is_more_probable_or_ties():
     assert (right.count, right.oracle, tied.oracle) == (1, 2, 3)
     assert [r["seed"] for r in scoring.search_missed(rows)] == [1]
     assert all(r.oracle is None for r in scoring.rates([row()]))
+
+
+def test_readings_settle_a_tie_if_one_explanation_is_left():
+    both = {"named": ["rub"], "ties": [["duffing"]]}
+    readings = {"separates": [["rub"], ["duffing"]], "proposed": {"named": ["duffing"], "ties": []}, "random": both}
+    found = {r.name: r for r in scoring.rates([row(**both, verdict="undecided", further_readings=readings), row()])}
+    proposed = found["readings proposed: settle what they separate"]
+    assert (proposed.count, proposed.total) == (1, 1)
+    assert found["readings proposed: the answer or what ties holds the truth"].count == 1
+
+
+def test_the_calibration_error_that_chance_makes():
+    """Of right probabilities: that of a share of n draws, |share - p| in the mean, for each bin."""
+    n = 400
+    assert scoring.by_chance([0.55] * n) == pytest.approx(np.sqrt(2 / np.pi * 0.55 * 0.45 / n), rel=0.05)
+    assert scoring.by_chance([1.0, 0.0]) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from rotorjax import Jeffcott, Model, effects
 from rotorjax.data.measurement import Knowledge
 from rotorjax.inference.descent import End, Local
-from rotorjax.inference.evidence import LARGEST, STEP, factors, log_evidence
+from rotorjax.inference.evidence import ALIKE, LARGEST, STEP, factors, log_evidence
 from rotorjax.inference.prior import prior_at
 from rotorjax.inference.space import Space, make_space
 
@@ -75,6 +75,20 @@ def test_a_declared_scale_too_large_by_far_does_not_decide(space):
     assert math.log(30.0) - 0.5 < 0.5 * float(
         np.linalg.slogdet(small.curvature)[1] - np.linalg.slogdet(usual.curvature)[1]
     )
+
+
+@pytest.mark.parametrize("at", [(0.4, 0.4), (0.4, -0.2), (0.4, 0.41)])
+def test_errors_along_x_and_y_are_the_same_in_half_of_all_cases(at: tuple[float, float]):
+    """With a scale that the user told, of data that are linear in the parameters: a sum of two normal distributions."""
+    model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.StiffnessError()
+    space = make_space(model, Knowledge(priors={"stiffness_error": {"error_x": 0.02, "error_y": 0.02}}))
+    free, data = unknowns(space, "stiffness_error"), np.array([[3e5, 1e5], [1e5, 2e5]])
+    end = fitted(space, free, data, np.array(at))
+    same = np.full((2, 2), 0.5)
+    priors = [np.eye(2), 2.0 * same + ALIKE**2 * (np.eye(2) - same)]
+    each = [multivariate_normal.logpdf(at, cov=np.linalg.inv(data) + prior) for prior in priors]
+    exact = np.logaddexp(*each) - math.log(2.0) + math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(data)[1]
+    assert log_evidence(end, space, lambda cost: -cost) == pytest.approx(exact, abs=1e-6)
 
 
 def test_strengths_are_left_open_but_not_shapes_and_what_the_user_told(space):
