@@ -3,13 +3,17 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jaxtyping import Float
 
+from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import (
     AbstractRotor,
     Excitation,
     ExcitationEffect,
     Family,
+    Form,
     OperatingPoint,
     Plan,
     SweepEffect,
@@ -84,6 +88,11 @@ class Misalignment(ExcitationEffect):
     force_2_x_imaginary_n: Array = parameter("2X force along x, 90° ahead", scale=1.0, of="force")
     force_2_y_real_n: Array = parameter("2X force along y, in phase", scale=1.0, of="force")
     force_2_y_imaginary_n: Array = parameter("2X force along y, 90° ahead", scale=1.0, of="force")
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        """Twice per turn only."""
+        return (tuple({f"force_2_{axis}_{part}_n": 1.0} for axis in "xy" for part in ("real", "imaginary")),)
 
     def excitation(self, point: OperatingPoint) -> Excitation:
         once = point.forward(jnp.stack([self.force_1_x_n, self.force_1_y_n]))

@@ -3,14 +3,33 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jaxtyping import Float
 
-from rotorjax.model.contract import Family, OperatingPoint, Reading, ReadingEffect, SpeedEffect, parameter
+from rotorjax.model.conditions import Layout
+from rotorjax.model.contract import Family, Form, OperatingPoint, Reading, ReadingEffect, SpeedEffect, parameter
 
 API_670_GAIN = 0.05
 """Allowed error of a proximity probe's scale factor, interchangeability included (API 670, 5th edition, 2014)."""
 API_670_RUNOUT = 6.35e-6
 """Allowed combined mechanical and electrical runout, 0.25 mil (API 670, 5th edition, 2014) [m]."""
+
+
+def one_probe(name: str, layout: Layout) -> tuple[Form, ...]:
+    """Forms of an effect with one parameter per probe: one of them off, and the others right."""
+    return tuple(({f"{name}.{probe}": 1.0},) for probe in layout.probes)
+
+
+def _of_track(layout: Layout, angles: Float[np.ndarray, "probe"], order: float) -> Form:
+    """Real and imaginary part of one number at an order that all probes read, each later by its direction."""
+    at = f"{order:g}X"
+    in_phase: dict[str, float] = {}
+    ahead: dict[str, float] = {}
+    for probe, angle in zip(layout.probes, order * np.asarray(angles), strict=True):
+        in_phase |= {f"real_m.{probe}.{at}": np.cos(angle), f"imaginary_m.{probe}.{at}": -np.sin(angle)}
+        ahead |= {f"real_m.{probe}.{at}": np.sin(angle), f"imaginary_m.{probe}.{at}": np.cos(angle)}
+    return in_phase, ahead
 
 
 class ProbeAngle(ReadingEffect):
@@ -22,6 +41,10 @@ class ProbeAngle(ReadingEffect):
     source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1: probes within 5° of 90° apart"
     relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
     angle_rad: Array = parameter("angle error, from x towards y", scale=0.0873, axes=("probe",))
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return one_probe("angle_rad", layout)
 
     def reading(self, point: OperatingPoint) -> Reading:
         return Reading(direction=self.angle_rad)
@@ -41,6 +64,18 @@ class Runout(ReadingEffect):
     real_m: Array = parameter("part in phase with the reference", scale=API_670_RUNOUT, axes=("probe", "order"))
     imaginary_m: Array = parameter("part 90° ahead", scale=API_670_RUNOUT, axes=("probe", "order"))
 
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        """One shape of the track, which each probe reads when it comes by: r_pn = s_n exp(-i n α_p), α_p the probe's
+        direction; and the same, or one number per probe, at 1X only.
+        """
+        orders = layout.orders
+        track = tuple(part for n in orders for part in _of_track(layout, angles, n))
+        if len(orders) == 1 or 1.0 not in orders:
+            return (track,)
+        labels = [f"{part}.{probe}.1X" for part in ("real_m", "imaginary_m") for probe in layout.probes]
+        return track, _of_track(layout, angles, 1.0), tuple({label: 1.0} for label in labels)
+
     def reading(self, point: OperatingPoint) -> Reading:
         every = self.real_m + 1j * self.imaginary_m
         return Reading(runout=every[:, point.order_index])
@@ -55,6 +90,10 @@ class ProbeGain(ReadingEffect):
     source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1: scale factor within 5 %"
     relatives: ClassVar[tuple[str, ...]] = ("chain_gain",)
     gain: Array = parameter("relative error of the scale factor", scale=API_670_GAIN, axes=("probe",))
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return one_probe("gain", layout)
 
     def reading(self, point: OperatingPoint) -> Reading:
         return Reading(gain=1.0 + self.gain)
@@ -82,6 +121,10 @@ class ChainGain(ReadingEffect):
         {"gain_real": -10.0, "gain_imaginary": -10.0},
         {"gain_real": -20.0},
     )
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return (({"gain_real": 1.0},),)
 
     def reading(self, point: OperatingPoint) -> Reading:
         size = jnp.sqrt((1.0 + self.gain_real) ** 2 + self.gain_imaginary**2)

@@ -5,11 +5,14 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from rotorjax.arrays import diagonal
+from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import (
     AbstractRotor,
     Family,
+    Form,
     Matrices,
     MatrixEffect,
     OperatingPoint,
@@ -22,6 +25,11 @@ FOUNDATION_DAMPING_RATIO = 0.05
 """Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al.,
 Rotordynamik, 2006).
 """
+
+
+def alike_or_one(x: str, y: str) -> tuple[Form, ...]:
+    """Forms of an effect along x and y: the same along both, or along one of them only."""
+    return ({x: 1.0, y: 1.0},), ({x: 1.0},), ({y: 1.0},)
 
 
 def either_side(name: str) -> tuple[dict[str, float], ...]:
@@ -37,8 +45,12 @@ class StiffnessError(MatrixEffect):
     meaning: ClassVar[str] = "shaft and bearings stiffer or softer than the rig file says, per axis"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.2"
     relatives: ClassVar[tuple[str, ...]] = ("mass_error", "speed_error")
-    error_x: Array = parameter("relative error along x", scale=0.05, alike=True)
-    error_y: Array = parameter("relative error along y", scale=0.05, alike=True)
+    error_x: Array = parameter("relative error along x", scale=0.05)
+    error_y: Array = parameter("relative error along y", scale=0.05)
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return alike_or_one("error_x", "error_y")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(path_stiffness=diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness))
@@ -73,8 +85,12 @@ class DampingError(MatrixEffect):
     meaning: ClassVar[str] = "damping more or less than the rig file says, per axis"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.3"
     relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
-    log_ratio_x: Array = parameter("natural logarithm of true over nominal, along x", scale=0.5, alike=True)
-    log_ratio_y: Array = parameter("natural logarithm of true over nominal, along y", scale=0.5, alike=True)
+    log_ratio_x: Array = parameter("natural logarithm of true over nominal, along x", scale=0.5)
+    log_ratio_y: Array = parameter("natural logarithm of true over nominal, along y", scale=0.5)
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return alike_or_one("log_ratio_x", "log_ratio_y")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = jnp.expm1(jnp.stack([self.log_ratio_x, self.log_ratio_y]))
@@ -130,8 +146,12 @@ class SpeedDependentStiffness(MatrixEffect):
     meaning: ClassVar[str] = "bearings or shaft stiffen with speed"
     source: ClassVar[str] = "Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 3"
     relatives: ClassVar[tuple[str, ...]] = ("mass_error", "gyroscopic")
-    error_x: Array = parameter("relative growth along x at the natural frequency", scale=0.1, alike=True)
-    error_y: Array = parameter("relative growth along y at the natural frequency", scale=0.1, alike=True)
+    error_x: Array = parameter("relative growth along x at the natural frequency", scale=0.1)
+    error_y: Array = parameter("relative growth along y at the natural frequency", scale=0.1)
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return alike_or_one("error_x", "error_y")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         growth = (point.speed / point.rotor.natural_frequency()) ** 2

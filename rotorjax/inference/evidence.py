@@ -4,8 +4,9 @@ A declared prior scale says how strong an effect may well be; that most are weak
 evidence is the mean over prior scales s_k = 3^k times the declared one, for the strength of every effect by itself:
 from where it could just be seen up to the declared scale, or 2000 times that for a force that depends on motion and a
 probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for the scale that
-somebody chose. Parameters that are often the same, like errors of the stiffness along x and y, are so in half of all
-cases: an effect that is alike in both directions does not pay for two parameters.
+somebody chose. An effect that often has a simpler form (`Effect.forms`: errors of the stiffness that are the same along
+x and y, one probe off and not the other, an eccentric probe track) does not pay for the parameters that this form does
+not have: the mean is over its forms too, each as likely.
 
 Each of these priors is that of unknowns T_k w, with w as declared. To first order about the optimum at the declared
 scales, where the curvature of the data is A, that of the prior W and both together H = A + W, the optimum u moves to v
@@ -28,6 +29,7 @@ from rotorjax.inference.descent import End
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.prior import prior_at, together
 from rotorjax.inference.space import Space
+from rotorjax.model.model import Model
 
 STEP = 3.0
 """From one prior scale to the next."""
@@ -37,8 +39,8 @@ SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
 LEAST = -12
 """Smallest power of the step."""
-ALIKE = 0.01
-"""Standard deviation of the differences of parameters that are the same, in prior scales."""
+BESIDE = 0.01
+"""Standard deviation beside the directions of a form, in prior scales."""
 
 
 def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> float:
@@ -70,25 +72,40 @@ def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"],
     """Free unknowns whose prior is averaged over, together, and the priors: the matrices T that make unknowns T w of
     unknowns w with the declared one.
     """
-    strength, alike, sizes = (np.asarray(a)[end.free] for a in (space.strength, space.alike, space.open_size))
-    for number in np.unique(strength[strength >= 0]):
-        group = np.flatnonzero(strength == number)
-        largest = LARGEST_OPEN if sizes[group[0]] >= 0 else LARGEST
-        scales = factors(end.told, end.prior.weight, group, largest)
-        yield group, [scale * same for scale in scales for same in _same_or_not(alike[group])]
-    for number in np.unique(alike[(alike >= 0) & (strength < 0)]):
-        group = np.flatnonzero(alike == number)
-        yield group, _same_or_not(alike[group])
+    place = {int(unknown): k for k, unknown in enumerate(end.free)}
+    strength, sizes = np.asarray(space.strength), np.asarray(space.open_size)
+    groups: dict[tuple[str, int], dict[str, int]] = {}
+    for entry in space.entries:
+        if entry.unknown in place and not entry.declared_uncertain:
+            group = groups.setdefault((entry.effect, int(strength[entry.unknown])), {})
+            group[entry.label] = place[entry.unknown]
+    for (effect, number), labels in groups.items():
+        group = np.array(list(labels.values()))
+        shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels))]
+        if number >= 0:
+            largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else LARGEST
+            scales = factors(end.told, end.prior.weight, group, largest)
+            yield group, [scale * shape for scale in scales for shape in shapes]
+        elif len(shapes) > 1:
+            yield group, shapes
 
 
-def _same_or_not(alike: Int[np.ndarray, "part"]) -> list[Float[np.ndarray, "part part"]]:
-    """Matrices T as in `left_open`: each unknown by itself, and those that are alike the same but for `ALIKE`."""
-    each, count = np.eye(len(alike)), int(np.count_nonzero(alike >= 0))
-    if count < 2:
-        return [each]
-    mean, same = np.full((count, count), 1.0 / count), each.copy()
-    same[np.ix_(alike >= 0, alike >= 0)] = np.sqrt(count) * mean + ALIKE * (np.eye(count) - mean)
-    return [each, same]
+def _forms(model: Model, effect: str, labels: tuple[str, ...]) -> list[Float[np.ndarray, "part part"]]:
+    """Matrices T as in `left_open` of an effect's simpler forms: along their directions with the declared scales of the
+    parameters that take part, `BESIDE` them elsewhere.
+    """
+    angles = model.rotor.spin * np.asarray(model.probes.angle)
+    found = []
+    own = next(e for e in model.effects if e.name == effect)
+    for form in own.forms(model.layout, angles):
+        if not all(direction.keys() <= set(labels) for direction in form) or len(form) == len(labels):
+            continue
+        shares = np.array([[direction.get(label, 0.0) for direction in form] for label in labels])
+        basis, _ = np.linalg.qr(shares)
+        along = basis @ basis.T
+        taking_part = np.count_nonzero(np.any(shares != 0.0, axis=1))
+        found.append(np.sqrt(taking_part / len(form)) * along + BESIDE * (np.eye(len(labels)) - along))
+    return found
 
 
 def _under(

@@ -71,8 +71,6 @@ class Space(eqx.Module):
     """Of every unknown: a number for the strength that it is a part of, whose prior scale is known within decades only
     (`rotorjax.inference.evidence`); else -1.
     """
-    alike: Int[Array, "param"]
-    """Of every unknown: a number for those of one effect that are as likely as not the same; else -1."""
     entries: tuple[Entry, ...] = eqx.field(static=True)
 
     def at(self, unknowns: Float[Array, "param"]) -> Model:
@@ -102,9 +100,8 @@ class Space(eqx.Module):
             )
 
         centre, scale, logarithmic = at(self.centre, 0.0), at(self.scale, 0.0), at(self.logarithmic, False)
-        unknown = at(self.unknown, 0)
-        open_size, strength, alike = (at(numbers, -1) for numbers in (self.open_size, self.strength, self.alike))
-        return Space(model, centre, scale, logarithmic, unknown, open_size, strength, alike, ())
+        unknown, open_size, strength = at(self.unknown, 0), at(self.open_size, -1), at(self.strength, -1)
+        return Space(model, centre, scale, logarithmic, unknown, open_size, strength, ())
 
     def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
         """Value of every entry [SI]."""
@@ -202,7 +199,6 @@ def make_space(model: Model, knowledge: Knowledge) -> Space:
         as_array(np.array([e.unknown for e in entries], dtype=int)),
         as_array(_open_sizes(model, knowledge, entries)),
         as_array(_strengths(model, knowledge, entries)),
-        as_array(_alike(model, entries)),
         tuple(entries),
     )
 
@@ -215,29 +211,21 @@ def _open_sizes(model: Model, knowledge: Knowledge, entries: list[Entry]) -> Int
     user gave a scale.
     """
     sized = {e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)}
-    return _numbered(entries, knowledge.priors, lambda entry: entry.effect in sized and entry.unit.si != "1")
+    return _numbered(entries, knowledge, lambda entry: entry.effect in sized and entry.unit.si != "1")
 
 
 def _strengths(model: Model, knowledge: Knowledge, entries: list[Entry]) -> Int[np.ndarray, "param"]:
     """As in `Space.strength`: all parameters of an effect with one unit together, but for those that are its shape."""
     shapes = {(e.name, p.name) for e in model.effects for p in e.parameters() if p.shape_only}
-    return _numbered(entries, knowledge.priors, lambda entry: (entry.effect, entry.parameter) not in shapes)
+    return _numbered(entries, knowledge, lambda entry: (entry.effect, entry.parameter) not in shapes)
 
 
-def _alike(model: Model, entries: list[Entry]) -> Int[np.ndarray, "param"]:
-    """As in `Space.alike`."""
-    declared = {(e.name, p.name) for e in model.effects for p in e.parameters() if p.alike}
-    return _numbered(entries, {}, lambda entry: (entry.effect, entry.parameter) in declared)
-
-
-def _numbered(
-    entries: list[Entry], told_scales: Mapping[str, Mapping[str, float]], counts: Callable[[Entry], bool]
-) -> Int[np.ndarray, "param"]:
+def _numbered(entries: list[Entry], knowledge: Knowledge, counts: Callable[[Entry], bool]) -> Int[np.ndarray, "param"]:
     """A number for every effect and unit that counts, at its unknowns, -1 elsewhere and where the user gave a scale."""
     numbers: dict[tuple[str, str], int] = {}
     found = np.full(len(entries), -1)
     for entry in entries:
-        told = entry.declared_uncertain or entry.parameter in told_scales.get(entry.effect, {})
+        told = entry.declared_uncertain or entry.parameter in knowledge.priors.get(entry.effect, {})
         if not told and counts(entry):
             found[entry.unknown] = numbers.setdefault((entry.effect, entry.unit.si), len(numbers))
     return found

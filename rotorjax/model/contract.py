@@ -7,6 +7,7 @@ reference. ``f = (1, -i)`` is the forward circular motion of a shaft that turns 
 import abc
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
@@ -41,6 +42,10 @@ LEAST_DAMPING_RATIO = 1e-3
 """Damping ratio that sets the scale of damping effects where the rig file has less."""
 
 
+Form = tuple[Mapping[str, float], ...]
+"""Directions in the space of an effect's parameters: label -> share."""
+
+
 class Parameter(NamedTuple):
     """What a field of an effect declares: see `parameter`."""
 
@@ -50,7 +55,6 @@ class Parameter(NamedTuple):
     of: str
     axes: tuple[Axis, ...]
     shape_only: bool = False
-    alike: bool = False
 
     @property
     def unit(self) -> Unit:
@@ -79,13 +83,7 @@ class Parameter(NamedTuple):
 
 
 def parameter(
-    meaning: str,
-    *,
-    scale: float,
-    of: str = "one",
-    axes: tuple[Axis, ...] = (),
-    shape_only: bool = False,
-    alike: bool = False,
+    meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = (), shape_only: bool = False
 ) -> Any:
     """Declare a field of an effect as one of its parameters. Zero means that the effect is absent.
 
@@ -93,11 +91,9 @@ def parameter(
     times that quantity of the rig (`AbstractRotor.quantities`, "one" for a number in SI); ``axes``: one value per
     probe, order or plane after the first; ``shape_only``: it says how the effect acts and not how strongly, like a gap
     or a coefficient of friction, so that its prior scale is what is declared and not left open over decades
-    (`rotorjax.inference.evidence`); ``alike``: as likely as not it has the same value as the effect's others that are
-    declared so, like errors of the stiffness along x and y. The unit is the ending of the field's name (``_n_per_m``,
-    ``_rad``).
+    (`rotorjax.inference.evidence`). The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
     """
-    declared = (meaning, scale, of, axes, shape_only, alike)
+    declared = (meaning, scale, of, axes, shape_only)
     return eqx.field(default=0.0, converter=as_float, metadata={"parameter": declared})
 
 
@@ -228,6 +224,16 @@ class Effect(eqx.Module):
     """A measurement that is enough to find it, or what it ties with."""
     relatives: ClassVar[tuple[str, ...]] = ()
     """Effects whose signature is known to resemble this one's: a fit checks whether they would have done as well."""
+
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        """Simpler forms that the effect often has, each as likely as that all its parameters are independent: errors
+        that are the same along x and y, one probe off and not the other.
+
+        **Arguments:** ``angles``: directions of the probes, in the sense of rotation [rad]. **Returns** directions for
+        each form, in units of the prior scales: the parameters are a sum of these.
+        """
+        return ()
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:

@@ -7,10 +7,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from rotorjax import Jeffcott, Model, effects
+from rotorjax import Jeffcott, Layout, Model, effects
 from rotorjax.data.measurement import Knowledge
+from rotorjax.effects import CATALOG
 from rotorjax.inference.descent import End, Local
-from rotorjax.inference.evidence import ALIKE, LARGEST, STEP, factors, log_evidence
+from rotorjax.inference.evidence import BESIDE, LARGEST, STEP, factors, log_evidence
 from rotorjax.inference.prior import prior_at
 from rotorjax.inference.space import Space, make_space
 
@@ -77,18 +78,40 @@ def test_a_declared_scale_too_large_by_far_does_not_decide(space):
     )
 
 
-@pytest.mark.parametrize("at", [(0.4, 0.4), (0.4, -0.2), (0.4, 0.41)])
-def test_errors_along_x_and_y_are_the_same_in_half_of_all_cases(at: tuple[float, float]):
-    """With a scale that the user told, of data that are linear in the parameters: a sum of two normal distributions."""
+@pytest.mark.parametrize("at", [(0.4, 0.4), (0.4, -0.2), (0.4, 0.41), (0.0, 0.3)])
+def test_errors_along_x_and_y_are_often_the_same_or_along_one_of_them(at: tuple[float, float]):
+    """With a scale that the user told, of data that are linear in the parameters: a sum of normal distributions."""
     model = Model(Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02)) + effects.StiffnessError()
     space = make_space(model, Knowledge(priors={"stiffness_error": {"error_x": 0.02, "error_y": 0.02}}))
     free, data = unknowns(space, "stiffness_error"), np.array([[3e5, 1e5], [1e5, 2e5]])
     end = fitted(space, free, data, np.array(at))
-    same = np.full((2, 2), 0.5)
-    priors = [np.eye(2), 2.0 * same + ALIKE**2 * (np.eye(2) - same)]
+    same, little = np.full((2, 2), 0.5), BESIDE**2
+    priors = [np.eye(2), 2.0 * same + little * (np.eye(2) - same), np.diag([1.0, little]), np.diag([little, 1.0])]
     each = [multivariate_normal.logpdf(at, cov=np.linalg.inv(data) + prior) for prior in priors]
-    exact = np.logaddexp(*each) - math.log(2.0) + math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(data)[1]
+    exact = np.logaddexp.reduce(each) - math.log(4.0) + math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(data)[1]
     assert log_evidence(end, space, lambda cost: -cost) == pytest.approx(exact, abs=1e-6)
+
+
+@pytest.mark.parametrize("spin", [1, -1])
+def test_an_eccentric_probe_track_reads_as_a_forward_circle(spin: int):
+    """One form of a runout: what a circle of the shaft's centre looks like, 1X and other orders."""
+    layout = Layout(orders=(1.0, 2.0))
+    rotor = Jeffcott(mass=1.0, stiffness=1e5, damping_ratio=0.02, rotation={1: "x-to-y", -1: "y-to-x"}[spin])
+    model = Model(rotor, layout=layout)
+    track, once, separate = effects.Runout.forms(layout, spin * np.asarray(model.probes.angle))
+    assert [len(form) for form in (track, once, separate)] == [4, 2, 4]
+    in_phase = once[0]
+    x, y = (complex(in_phase[f"real_m.{p}.1X"], in_phase[f"imaginary_m.{p}.1X"]) for p in "XY")
+    assert (x, y) == pytest.approx((1.0, -1j * spin))
+    assert track[:2] == once
+
+
+def test_all_forms_are_of_the_effects_parameters():
+    layout = Layout(orders=(1.0, 2.0))
+    for effect in CATALOG.values():
+        labels = {label for p in effect.parameters() for label in p.labels(layout)}
+        for form in effect.forms(layout, np.array([0.0, 0.5 * np.pi])):
+            assert all(direction.keys() <= labels for direction in form), effect.name
 
 
 def test_strengths_are_left_open_but_not_shapes_and_what_the_user_told(space):
