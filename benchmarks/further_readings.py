@@ -20,6 +20,8 @@ from detailed.in_time import NoSteadyStateError
 
 NOTHING_INSTALLED = "bare"
 """Name of a run with nothing installed, where there was none."""
+NOT_THE_SAME = 1.0 - 1e-5
+"""Speed of a reading over that of one before: no speed is held to the digit."""
 RANGE = (0.5, 1.0)
 """Of the lowest and the highest speed measured: between these readings are proposed."""
 
@@ -52,7 +54,7 @@ def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | N
 
 def _readings(proposal: Proposal) -> Readings:
     run = NOTHING_INSTALLED if proposal.run == BARE else proposal.run
-    return Readings(run, np.array(proposal.speeds_rpm) * np.pi / 30.0, proposal.new_probes)
+    return Readings(run, NOT_THE_SAME * np.array(proposal.speeds_rpm) * np.pi / 30.0, proposal.new_probes)
 
 
 def _all_installed(case: Case) -> bool:

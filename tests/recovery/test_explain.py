@@ -9,7 +9,18 @@ import sys
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Explanation, Jeffcott, Knowledge, Measurement, Model, effects, explain, response
+from rotorjax import (
+    Conditions,
+    Explanation,
+    Jeffcott,
+    Knowledge,
+    Layout,
+    Measurement,
+    Model,
+    effects,
+    explain,
+    response,
+)
 from rotorjax.data.measurement import Uncertain
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
@@ -367,6 +378,30 @@ def test_what_fits_as_well_with_more_parameters_ties_or_contains_the_answer():
     assert other.effects == ("stiffness_error",)
     assert other.gap > 3.0
     assert other.contender.best.cost < found.ties.winner.best.cost - 2.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("runout", [4e-6, 8e-6, 8e-6, -4e-6]), ("stiffness_error", [0.03, 0.03]), ("probe_gain", [0.1, 0.0])],
+)
+def test_simpler_forms_of_an_effect_do_not_pay_for_all_its_parameters(effect: str, values: list[float]):
+    """Well below the resonance, where others with fewer parameters do nearly as well: an eccentric probe track, which
+    a bow with an unbalance opposite to it is too; a shaft softer in all directions, which a wrong speed is.
+    """
+    machine = hidden.Machine()
+    speeds, run = tuple(np.linspace(0.4, 0.8, 10) * machine.frequency), np.repeat(np.arange(3), 10)
+    weights = {"baseline": [2e-5 + 0j], "a": [6e-5 + 0j], "b": [2e-5 + 4e-5j]}
+    plan = hidden.Plan(weights, speeds, orders=(1, 2, 3), sigma=1e-6)
+    z = hidden.measure(machine, plan, {effect: values}, np.random.default_rng(1))
+    model = Model(Jeffcott(machine.mass, machine.stiffness, machine.ratio), layout=Layout(orders=(1.0, 2.0, 3.0)))
+    unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in weights.values()])[run]
+    conditions = Conditions.at(np.tile(speeds, 3), unbalance=unbalance)
+    measurement = Measurement.from_arrays(
+        z, conditions, run=run, runs=tuple(weights), orders=(1.0, 2.0, 3.0), sigma=1e-6
+    )
+    found = explain(model, measurement, thorough=False)
+    assert effect in names_open(found)
+    assert found.verdict != "explained" or found.effects == (effect,)
 
 
 def test_limit_on_the_number_of_effects_is_kept_and_named():
