@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
@@ -54,10 +54,15 @@ class Shown(NamedTuple):
     apart: Float[np.ndarray, "case cell"]
     """Difference of the vectors, real and imaginary parts [m]."""
     spread: Float[np.ndarray, "case cell free"]
-    """How what the parameters of both leave open spreads it [m]."""
-    variance: Float[np.ndarray, "case"]
-    """Of a reading [m²]."""
+    """How it is spread by what the parameters of both leave open, and by the error of the model's form [m]."""
+    variance: Float[np.ndarray, "case cell"]
+    """Of a reading by itself [m²]."""
     allowed: Bool[np.ndarray, "case"]
+
+    def part(self, cases: slice, cells: Bool[np.ndarray, "cell"]) -> "Shown":
+        """Of some cases, at some cells."""
+        apart, spread, variance = (values[cases][:, cells] for values in (self.apart, self.spread, self.variance))
+        return Shown(apart, spread, variance, self.allowed[cases])
 
 
 def next_measurement(
@@ -84,10 +89,7 @@ def next_measurement(
         proposals = []
         for k, run in enumerate(runs):
             here = slice(k * SPEEDS, (k + 1) * SPEEDS)
-            of_run = Shown(*(values[here] for values in shown))
-            chosen, differ = chosen_readings(
-                of_run._replace(apart=of_run.apart[:, cells], spread=of_run.spread[:, cells])
-            )
+            chosen, differ = chosen_readings(shown.part(here, cells))
             proposals.append(Proposal(run, tuple(float(speeds[c]) for c in chosen), names, differ, further))
         best = max(
             proposals, key=lambda p: (p.settles, -len(p.speeds_rpm) if p.settles else 0, p.standardised_difference)
@@ -110,10 +112,25 @@ def _shown(contest: Contest, noise: Noise, conditions: Conditions, ends: tuple[E
     largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
     most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
     allowed &= np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
-    weight = m.weights(noise.allowance)
-    variance = np.full(len(speed), float(1.0 / np.median(weight[weight > 0.0])) ** 2)
+    middle = 0.5 * (shown[0] + shown[1])
+    sigma = 0.0 if m.sigma is None else float(np.median(m.sigma[m.present]))
+    size = np.sqrt(np.sum(np.abs(middle) ** 2, axis=1, keepdims=True))
+    variance = sigma**2 + noise.allowance**2 + (m.knowledge.tolerance * size) ** 2
+    variance = np.repeat(np.broadcast_to(variance, middle.shape).reshape(len(speed), -1), 2, axis=1)
     apart = numpy_pair(shown[0] - shown[1]).reshape(len(speed), -1)
-    return Shown(apart, np.concatenate(spread, axis=2), variance, allowed)
+    form = m.knowledge.tolerance * _alike(middle)
+    return Shown(apart, np.concatenate([*spread, form], axis=2), variance, allowed)
+
+
+def _alike(vectors: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case cell error"]:
+    """What relative errors of the model's form do to all readings: z becomes z + ε z at each order, ε the same at all
+    speeds, one unit of each of its entries (`rotorjax.inference.covariance`).
+    """
+    cases, probes, orders = vectors.shape
+    moved = np.zeros((cases, probes, orders, probes, probes, orders, 2), complex)
+    for p, q, n in np.ndindex(probes, probes, orders):
+        moved[:, p, n, p, q, n] = vectors[:, q, n, None] * np.array([1.0, 1j])
+    return np.moveaxis(numpy_pair(moved), -1, 3).reshape(cases, 2 * probes * orders, -1)
 
 
 def _cells(contest: Contest, probes: tuple[str, ...]) -> Bool[np.ndarray, "cell"]:
@@ -135,7 +152,7 @@ def chosen_readings(shown: Shown) -> tuple[list[int], float]:
     while len(chosen) < MOST_READINGS and total < SETTLES**2:
         left = shown.apart - shown.spread @ mean
         spread = shown.spread @ root
-        covariance = shown.variance[:, None, None] * np.eye(left.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
+        covariance = shown.variance[:, None] * np.eye(left.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
         whitened = np.linalg.solve(covariance, left[..., None])[..., 0]
         gain = np.where(shown.allowed, np.einsum("ci,ci->c", left, whitened), -1.0)
         gain[chosen] = -1.0
@@ -145,7 +162,7 @@ def chosen_readings(shown: Shown) -> tuple[list[int], float]:
         chosen.append(best)
         total += float(gain[best])
         mean = mean + root @ spread[best].T @ whitened[best]
-        told = np.eye(free) + spread[best].T @ spread[best] / shown.variance[best]
+        told = np.eye(free) + (spread[best].T / shown.variance[best]) @ spread[best]
         root = root @ np.linalg.inv(np.linalg.cholesky(told)).T
     return chosen, math.sqrt(total)
 

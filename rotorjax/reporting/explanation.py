@@ -108,7 +108,11 @@ def next_lines(found: Explanation) -> list[str]:
         and names & {"residual_bow", "thermal_bow"}
     ):
         advice = "; vectors without the slow-roll subtraction would tell a bow from an unbalance"
-    return [f"No readings within the limits would settle the tie{advice}."]
+    where = "within the limits"
+    if found.contest.measurement.knowledge.limits.speed_rpm is None:
+        where = "up to the highest speed measured"
+        advice += "; higher ones may, if the machine allows them ([limits] speed_rpm in the rig file)"
+    return [f"No readings {where} would settle the tie{advice}."]
 
 
 def readings_in_words(proposal: Proposal) -> str:

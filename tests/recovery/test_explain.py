@@ -370,7 +370,7 @@ def test_what_fits_as_well_with_more_parameters_ties_or_contains_the_answer():
     found = explain(model, measurement, only=("speed_error", "stiffness_error"), thorough=False)
     assert found.effects == ("speed_error",)
     assert [tied.effects for tied in found.ties.tied] == [("stiffness_error",)]
-    known = Knowledge(priors={"speed_error": {"error": 0.01}, "stiffness_error": {"error_x": 0.05, "error_y": 0.05}})
+    known = Knowledge(priors={"speed_error": {"error": 0.01}, "stiffness_error": {"error_x": 1.0, "error_y": 1.0}})
     told = dataclasses.replace(measurement, knowledge=known)
     found = explain(model, told, only=("speed_error", "stiffness_error"), thorough=False)
     assert found.effects == ("speed_error",)

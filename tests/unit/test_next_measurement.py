@@ -9,7 +9,7 @@ from rotorjax.discovery.next_measurement import MOST_READINGS, SETTLES, Shown, c
 def shown(rng: np.random.Generator, size: float) -> Shown:
     cases, cells, free = 30, 4, 3
     apart, spread = size * rng.standard_normal((cases, cells)), rng.standard_normal((cases, cells, free))
-    return Shown(apart, spread, rng.uniform(0.5, 2.0, cases), np.arange(cases) % 3 > 0)
+    return Shown(apart, spread, rng.uniform(0.5, 2.0, (cases, cells)), np.arange(cases) % 3 > 0)
 
 
 @pytest.mark.parametrize("size", [0.1, 0.7, 3.0])
@@ -19,7 +19,7 @@ def test_they_tell_together_what_is_said(rng, size: float):
     chosen, differ = chosen_readings(given)
     gap = given.apart[chosen].ravel()
     slopes = given.spread[chosen].reshape(len(gap), -1)
-    noise = np.repeat(given.variance[chosen], given.apart.shape[1])
+    noise = given.variance[chosen].ravel()
     whole = gap @ np.linalg.solve(np.diag(noise) + slopes @ slopes.T, gap)
     assert differ == pytest.approx(np.sqrt(whole), rel=1e-9)
     assert all(given.allowed[chosen])
