@@ -37,7 +37,6 @@ def answer(found: Explanation) -> dict[str, Any]:
         "outside_term": None if found.named_force is None else [t.term for t in found.named_force.terms],
         "sizes": _sizes(found.story.fits[-1], found.effects),
         "p_value": None if found.p_value is None else found.p_value.value,
-        "rms": {"declared": found.story.declared.rms, "left": found.story.last.rms},
         "held_out_rms": found.story.fits[-1].held_out_rms,
         "chi2": found.story.fits[-1].reduced_chi2,
         "linearisations": found.cost.linearisations,

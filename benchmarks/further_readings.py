@@ -11,7 +11,7 @@ import numpy as np
 
 from rotorjax import explain, read_measurement, read_rig
 from rotorjax.discovery.explanation import Explanation
-from rotorjax.discovery.next_measurement import BARE, Proposal
+from rotorjax.discovery.next_measurement import BARE, LOWEST, Proposal
 
 from answers import answer
 from detailed.case import Case, Readings
@@ -22,8 +22,6 @@ NOTHING_INSTALLED = "bare"
 """Name of a run with nothing installed, where there was none."""
 NOT_THE_SAME = 1.0 - 1e-5
 """Speed of a reading over that of one before: no speed is held to the digit."""
-RANGE = (0.5, 1.0)
-"""Of the lowest and the highest speed measured: between these readings are proposed."""
 
 
 def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | None:
@@ -36,7 +34,7 @@ def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | N
         return None
     rng = np.random.default_rng([815, case.seed])
     runs = [*case.plan.runs, *([NOTHING_INSTALLED] if _all_installed(case) else [])]
-    low, high = RANGE[0] * case.plan.speeds.min(), RANGE[1] * case.plan.speeds.max()
+    low, high = LOWEST * case.plan.speeds.min(), case.plan.speeds.max()
     readings = {
         "proposed": _readings(proposal),
         "random": Readings(

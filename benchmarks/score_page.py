@@ -100,7 +100,7 @@ def _numbers(rows: Sequence[Row]) -> str:
     listed.append(["explanations in a set of 95 %, mean", "" if size is None else f"{size:.2f}", "<= 1.5"])
     if ratios := held_out_ratios(rows):
         value = f"{np.median(ratios):.2f}, {np.quantile(ratios, 0.9):.2f}"
-        listed.append(["error held out over what is expected, median and 90 %", value, "<= 1.1"])
+        listed.append(["error held out over what is expected, median and 90 % quantile", value, "<= 1.1, median"])
     for key, words in (("linearisations", "linearisations of a case"), ("took", "seconds of a case")):
         values = [row[key] for row in rows if key in row]
         if values:

@@ -250,7 +250,7 @@ def _settled_by(which: str) -> Callable[[Row], bool]:
     def settled(row: Row) -> bool:
         more = row["further_readings"]
         left = [set(names) for names in (more[which]["named"], *more[which]["ties"])]
-        return sum(set(names) in left for names in more["separates"]) < len(more["separates"])
+        return sum(set(names) in left for names in more["separates"]) == 1
 
     return settled
 

@@ -17,6 +17,7 @@ from rotorjax.inference.data import Data, make_data, residual_vectors
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.inference.space import Space, make_space, with_company
+from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
 from rotorjax.model.model import Model
 
@@ -136,7 +137,8 @@ def check_catalog(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor) -> 
     """Refuse a catalogue that would lose an effect on the way, or one whose force is no force.
 
     **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family
-    that there is not, and for a force that is not two finite numbers at rest.
+    that there is not, for a form of parameters that it does not have, and for a force that is not two finite numbers at
+    rest.
     """
     for key, cls in catalog.items():
         if not isinstance(cls, type):
@@ -148,8 +150,17 @@ def check_catalog(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor) -> 
             )
         if cls.family not in get_args(Family):
             raise ValueError(f"{key}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
+        _check_forms(cls)
         if issubclass(cls, RestoringEffect) and key not in CATALOG:
             _check_force(cls, rotor)
+
+
+def _check_forms(cls: type[Effect]) -> None:
+    layout = Layout()
+    labels = [label for p in cls.parameters() for label in p.labels(layout)]
+    for form in cls.forms(layout, np.array([0.0, 0.5 * math.pi])):
+        for label in (label for direction in form for label in direction if label not in labels):
+            raise ValueError(f"{cls.name}: forms() names {label!r}; its parameters are {', '.join(labels)}")
 
 
 def _check_force(cls: type[RestoringEffect], rotor: AbstractRotor) -> None:

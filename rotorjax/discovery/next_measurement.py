@@ -11,15 +11,19 @@ from rotorjax.data.measurement import is_half_order
 from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
 from rotorjax.diagnosis.separability import NEAR_PEAK
 from rotorjax.discovery.contest import Contest
+from rotorjax.inference.covariance import random_in_run
 from rotorjax.inference.descent import End
-from rotorjax.inference.noise import Noise
+from rotorjax.inference.faults import fault_sensitivity
+from rotorjax.inference.noise import LEAST_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.conditions import Conditions
 from rotorjax.physics.steady_state import without_timed
-from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 SPEEDS = 41
 """Speeds tried within the limits."""
+LOWEST = 0.5
+"""Of the lowest speed measured: from there to the highest readings are proposed where the rig file has no limits."""
 MOST_RUNS = 5
 """Runs tried: those that differ most from one another in what is installed."""
 MOST_READINGS = 6
@@ -43,26 +47,36 @@ class Proposal(NamedTuple):
     """Probes of the rig without a reading so far, if it takes them to tell."""
 
     @property
+    def speed_rpm(self) -> float:
+        """The most telling speed."""
+        return self.speeds_rpm[0]
+
+    @property
     def settles(self) -> bool:
         """Whether it is to be expected that the readings settle the tie."""
         return self.standardised_difference >= SETTLES
 
 
-class Shown(NamedTuple):
-    """What two explanations predict at conditions that may be measured."""
+class Differences(NamedTuple):
+    """How two explanations differ at conditions that may be measured."""
 
     apart: Float[np.ndarray, "case cell"]
-    """Difference of the vectors, real and imaginary parts [m]."""
-    spread: Float[np.ndarray, "case cell free"]
-    """How it is spread by what the parameters of both leave open, and by the error of the model's form [m]."""
-    variance: Float[np.ndarray, "case cell"]
-    """Of a reading by itself [m²]."""
+    """Difference of the predicted vectors, real and imaginary parts, in standard errors of a reading by itself."""
+    common: Float[np.ndarray, "case cell error"]
+    """What one unit of every error that readings have in common does to it: parameters of both that are left open,
+    errors of the model's form, what is random in the run.
+    """
     allowed: Bool[np.ndarray, "case"]
 
-    def part(self, cases: slice, cells: Bool[np.ndarray, "cell"]) -> "Shown":
-        """Of some cases, at some cells."""
-        apart, spread, variance = (values[cases][:, cells] for values in (self.apart, self.spread, self.variance))
-        return Shown(apart, spread, variance, self.allowed[cases])
+
+class _Run(NamedTuple):
+    """What may be installed, and what is random in it."""
+
+    name: str
+    unbalance: Float[np.ndarray, "plane 2"]
+    bow: Float[np.ndarray, "2"]
+    random: Float[np.ndarray, "4 error"]
+    """A factor of the covariance of the unbalance and the bow that nobody knows exactly."""
 
 
 def next_measurement(
@@ -70,61 +84,80 @@ def next_measurement(
 ) -> Proposal | None:
     """The run and the speeds at which two fitted explanations differ most: as few readings as settle the tie.
 
-    The difference counts in standard errors of noise and of what the parameters of both leave open, for all readings
-    together. Near a resonance of either nothing is proposed: there the model's own error rules. Probes that were never
-    read count only where the others would not tell. None if no readings within the limits would tell.
+    The difference counts in standard errors, for all readings together: of noise, of what the parameters of both leave
+    open, of the model's form (`tolerance`) and of what is random in a run. Near a resonance of either nothing is
+    proposed: there the model's own error rules. Probes that were never read are asked for only where the others would
+    not settle it. None if no readings within the limits would tell.
     """
-    runs = _runs(contest)
-    measured, limits = contest.measurement.speed_rpm, contest.measurement.knowledge.limits
-    low, high = limits.speed_rpm or (0.5 * measured.min(), measured.max())
+    m, proposals = contest.measurement, []
+    low, high = m.knowledge.limits.speed_rpm or (LOWEST * m.speed_rpm.min(), m.speed_rpm.max())
     speeds = np.linspace(low, high, SPEEDS)
-    unbalance = np.repeat(np.stack([u for u, _ in runs.values()]), SPEEDS, axis=0)
-    bow = np.repeat(np.stack([b for _, b in runs.values()]), SPEEDS, axis=0)
-    conditions = Conditions.at_rpm(np.tile(speeds, len(runs)), unbalance=unbalance, bow=bow)
-    shown = _shown(contest, noise, conditions, (first, second))
-    read = contest.measurement.probes_read
-    new = tuple(probe for probe in contest.measurement.probes if probe not in read)
-    for further in [(), new] if new else [()]:
-        cells = _cells(contest, read + further)
-        proposals = []
-        for k, run in enumerate(runs):
-            here = slice(k * SPEEDS, (k + 1) * SPEEDS)
-            chosen, differ = chosen_readings(shown.part(here, cells))
-            proposals.append(Proposal(run, tuple(float(speeds[c]) for c in chosen), names, differ, further))
-        best = max(
-            proposals, key=lambda p: (p.settles, -len(p.speeds_rpm) if p.settles else 0, p.standardised_difference)
+    new = tuple(probe for probe in m.probes if probe not in m.probes_read)
+    for run in _runs(contest, noise):
+        differences = _Compared.of(contest, run, speeds, (first, second))
+        for further in [(), new] if new else [()]:
+            chosen, differ = chosen_readings(differences.read_by(noise, m.probes_read + further))
+            proposals.append(Proposal(run.name, tuple(float(speeds[c]) for c in chosen), names, differ, further))
+    best = max(proposals, key=_worth)
+    return best if best.standardised_difference >= TELLING else None
+
+
+def _worth(proposal: Proposal) -> tuple[bool, bool, int, float]:
+    """What settles the tie comes first, without new probes, with few readings."""
+    fewer = -len(proposal.speeds_rpm) if proposal.settles else 0
+    return proposal.settles, not proposal.new_probes, fewer, proposal.standardised_difference
+
+
+class _Compared(NamedTuple):
+    """Two explanations at the speeds of one run, as they predict it."""
+
+    contest: Contest
+    shown: tuple[Complex[np.ndarray, "case probe order"], Complex[np.ndarray, "case probe order"]]
+    spread: Float[np.ndarray, "case cell error"]
+    allowed: Bool[np.ndarray, "case"]
+
+    @classmethod
+    def of(cls, contest: Contest, run: _Run, speeds: Float[np.ndarray, "case"], ends: tuple[End, End]) -> "_Compared":
+        count = len(speeds)
+        conditions = Conditions.at_rpm(
+            speeds, unbalance=np.tile(run.unbalance, (count, 1, 1)), bow=np.tile(run.bow, (count, 1))
         )
-        if best.standardised_difference >= TELLING:
-            return best
-    return None
+        shown, spread = zip(*(_prediction(contest, conditions, end) for end in ends), strict=True)
+        known = np.all([np.isfinite(z).all(axis=(1, 2)) for z in (*shown, *spread)], axis=0)
+        shown, spread = ([np.where(known[:, None, None], z, 0.0) for z in values] for values in (shown, spread))
+        model = contest.space.model_at(ends[0].point)
+        random = fault_sensitivity(model, conditions).reshape(count, -1, 4) @ run.random
+        models = [without_timed(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
+        peaks = np.concatenate([critical_speeds_rpm(model) for model in models])
+        # Where a force depends on the motion there may be no steady state to compute.
+        allowed = known & np.all(np.abs(speeds[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1)
+        m, limits = contest.measurement, contest.measurement.knowledge.limits
+        largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
+        most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
+        allowed &= np.all([np.abs(z).reshape(count, -1).max(axis=1) <= most for z in shown], axis=0)
+        return cls(contest, (shown[0], shown[1]), np.concatenate([*spread, random], axis=2), allowed)
+
+    def read_by(self, noise: Noise, probes: tuple[str, ...]) -> Differences:
+        """As some of the probes would read it. Half orders do not count: they have no sign to be compared."""
+        m = self.contest.measurement
+        read = np.array([probe in probes for probe in m.probes])
+        middle = np.where(read[:, None], 0.5 * (self.shown[0] + self.shown[1]), 0.0)
+        given = 0.0 if m.sigma is None else float(np.median(m.sigma[m.present]))
+        # As in `rotorjax.inference.covariance`: noise of every vector, half of ε alike at all speeds, and half at
+        # neighbouring ones, which counts as noise here.
+        form = m.knowledge.tolerance * np.sqrt(np.sum(np.abs(middle) ** 2, axis=1, keepdims=True))
+        variance = np.maximum(given, LEAST_NOISE) ** 2 + noise.allowance**2 + 1.5 * form**2
+        sigma = np.repeat(np.broadcast_to(np.sqrt(variance), middle.shape).reshape(len(middle), -1), 2, axis=1)
+        apart = numpy_pair(self.shown[0] - self.shown[1]).reshape(len(middle), -1)
+        alike = math.sqrt(0.5) * m.knowledge.tolerance * form_errors(middle)
+        cells = np.repeat([r and not is_half_order(n) for r in read for n in m.orders], 2)
+        common = np.concatenate([self.spread, alike], axis=2) / sigma[:, :, None]
+        return Differences((apart / sigma)[:, cells], common[:, cells], self.allowed)
 
 
-def _shown(contest: Contest, noise: Noise, conditions: Conditions, ends: tuple[End, End]) -> Shown:
-    shown, spread = zip(*(_prediction(contest, conditions, end) for end in ends), strict=True)
-    known = np.all([np.isfinite(z).all(axis=(1, 2)) for z in (*shown, *spread)], axis=0)
-    shown, spread = ([np.where(known[:, None, None], z, 0.0) for z in values] for values in (shown, spread))
-    m, limits = contest.measurement, contest.measurement.knowledge.limits
-    speed = np.asarray(conditions.speed) / RPM
-    models = [without_timed(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
-    peaks = np.concatenate([critical_speeds_rpm(model) for model in models])
-    # Where a force depends on the motion there may be no steady state to compute.
-    allowed = known & np.all(np.abs(speed[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1)
-    largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
-    most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
-    allowed &= np.all([np.abs(z).reshape(len(speed), -1).max(axis=1) <= most for z in shown], axis=0)
-    middle = 0.5 * (shown[0] + shown[1])
-    sigma = 0.0 if m.sigma is None else float(np.median(m.sigma[m.present]))
-    size = np.sqrt(np.sum(np.abs(middle) ** 2, axis=1, keepdims=True))
-    variance = sigma**2 + noise.allowance**2 + (m.knowledge.tolerance * size) ** 2
-    variance = np.repeat(np.broadcast_to(variance, middle.shape).reshape(len(speed), -1), 2, axis=1)
-    apart = numpy_pair(shown[0] - shown[1]).reshape(len(speed), -1)
-    form = m.knowledge.tolerance * _alike(middle)
-    return Shown(apart, np.concatenate([*spread, form], axis=2), variance, allowed)
-
-
-def _alike(vectors: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case cell error"]:
-    """What relative errors of the model's form do to all readings: z becomes z + ε z at each order, ε the same at all
-    speeds, one unit of each of its entries (`rotorjax.inference.covariance`).
+def form_errors(vectors: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case cell error"]:
+    """What relative errors of the model's form do to all vectors: z becomes z + ε z at each order, ε the same at all
+    speeds; one unit of real and imaginary part of each of its entries.
     """
     cases, probes, orders = vectors.shape
     moved = np.zeros((cases, probes, orders, probes, probes, orders, 2), complex)
@@ -133,55 +166,52 @@ def _alike(vectors: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray
     return np.moveaxis(numpy_pair(moved), -1, 3).reshape(cases, 2 * probes * orders, -1)
 
 
-def _cells(contest: Contest, probes: tuple[str, ...]) -> Bool[np.ndarray, "cell"]:
-    """Real and imaginary parts that some probes read; not of half orders, which have no sign to be compared."""
-    m = contest.measurement
-    return np.repeat([probe in probes and not is_half_order(n) for probe in m.probes for n in m.orders], 2)
-
-
-def chosen_readings(shown: Shown) -> tuple[list[int], float]:
+def chosen_readings(differences: Differences) -> tuple[list[int], float]:
     """Cases chosen one by one, each the most telling beside those before, and by how much the predictions differ at all
     of them, in standard errors.
 
-    What the readings before have told about the parameters is taken into account as in a Kalman filter.
+    What the readings before have told about the common errors is taken into account as in a Kalman filter.
     """
-    free = shown.spread.shape[2]
-    mean, root = np.zeros(free), np.eye(free)
+    errors = differences.common.shape[2]
+    mean, root = np.zeros(errors), np.eye(errors)
     chosen: list[int] = []
     total = 0.0
     while len(chosen) < MOST_READINGS and total < SETTLES**2:
-        left = shown.apart - shown.spread @ mean
-        spread = shown.spread @ root
-        covariance = shown.variance[:, None] * np.eye(left.shape[1]) + spread @ np.swapaxes(spread, 1, 2)
+        left, common = differences.apart - differences.common @ mean, differences.common @ root
+        covariance = np.eye(left.shape[1]) + common @ np.swapaxes(common, 1, 2)
         whitened = np.linalg.solve(covariance, left[..., None])[..., 0]
-        gain = np.where(shown.allowed, np.einsum("ci,ci->c", left, whitened), -1.0)
-        gain[chosen] = -1.0
+        gain = np.where(differences.allowed, np.einsum("ci,ci->c", left, whitened), 0.0)
+        gain[chosen] = 0.0
         best = int(np.argmax(gain))
         if gain[best] <= 0.0:
             break
         chosen.append(best)
         total += float(gain[best])
-        mean = mean + root @ spread[best].T @ whitened[best]
-        told = np.eye(free) + (spread[best].T / shown.variance[best]) @ spread[best]
-        root = root @ np.linalg.inv(np.linalg.cholesky(told)).T
+        mean = mean + root @ common[best].T @ whitened[best]
+        _, told, directions = np.linalg.svd(common[best], full_matrices=False)
+        root = root @ (np.eye(errors) - directions.T @ np.diag(1.0 - 1.0 / np.hypot(1.0, told)) @ directions)
     return chosen, math.sqrt(total)
 
 
-def _runs(contest: Contest) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _runs(contest: Contest, noise: Noise) -> list[_Run]:
     """What may be installed: as in some of the runs there are, nothing, or a trial weight within the limits."""
     m = contest.measurement
     first = [int(np.argmax(m.run == k)) for k in range(len(m.runs))]
     unbalance, bow = np.asarray(m.conditions.unbalance)[first], np.asarray(m.conditions.bow)[first]
     size = np.linalg.norm(unbalance.reshape(len(first), -1), axis=1)
     picked = np.unique(np.argsort(size)[np.linspace(0, len(first) - 1, min(MOST_RUNS, len(first))).round().astype(int)])
-    runs = {m.runs[k]: (unbalance[k], bow[k]) for k in picked}
+    installed = [(m.runs[k], unbalance[k], bow[k]) for k in picked]
     if np.all((size > 0.0) | np.any(bow != 0.0, axis=1)):
-        runs[BARE] = (np.zeros_like(unbalance[0]), np.zeros(2))
+        installed.append((BARE, np.zeros_like(unbalance[0]), np.zeros(2)))
     if (trial := m.knowledge.limits.trial_weight_g_mm) is not None:
         weight = np.zeros_like(unbalance[0])
         weight[0] = [trial * GRAM_MILLIMETRE, 0.0]
-        runs[TRIAL.format(trial)] = (weight, np.zeros(2))
-    return runs
+        installed.append((TRIAL.format(trial), weight, np.zeros(2)))
+    share = np.asarray(contest.space.model.participation)
+    return [
+        _Run(name, u, s, random_in_run(m.knowledge, np.concatenate([share @ u, s]), noise.scatter))
+        for name, u, s in installed
+    ]
 
 
 def _prediction(

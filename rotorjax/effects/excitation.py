@@ -92,6 +92,8 @@ class Misalignment(ExcitationEffect):
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
         """Twice per turn only."""
+        if not {1.0, 2.0} <= set(layout.orders):
+            return ()
         return (tuple({f"force_2_{axis}_{part}_n": 1.0} for axis in "xy" for part in ("real", "imaginary")),)
 
     def excitation(self, point: OperatingPoint) -> Excitation:

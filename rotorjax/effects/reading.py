@@ -66,15 +66,18 @@ class Runout(ReadingEffect):
 
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
-        """One shape of the track, which each probe reads when it comes by: r_pn = s_n exp(-i n α_p), α_p the probe's
-        direction; and the same, or one number per probe, at 1X only.
+        """One shape of the track, which each probe reads when it comes by, as probes in one plane do: r_pn = s_n
+        exp(-i n α_p), α_p the probe's direction; and the same, or one number per probe, at 1X only.
         """
-        orders = layout.orders
+        orders = [n for n in layout.orders if n == round(n)]
         track = tuple(part for n in orders for part in _of_track(layout, angles, n))
         if len(orders) == 1 or 1.0 not in orders:
             return (track,)
+        once = _of_track(layout, angles, 1.0)
+        if len(layout.probes) == 1:
+            return track, once
         labels = [f"{part}.{probe}.1X" for part in ("real_m", "imaginary_m") for probe in layout.probes]
-        return track, _of_track(layout, angles, 1.0), tuple({label: 1.0} for label in labels)
+        return track, once, tuple({label: 1.0} for label in labels)
 
     def reading(self, point: OperatingPoint) -> Reading:
         every = self.real_m + 1j * self.imaginary_m

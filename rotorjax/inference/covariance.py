@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.data.measurement import Measurement
+from rotorjax.data.measurement import Knowledge, Measurement
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance
 from rotorjax.model.model import Model
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
@@ -94,15 +94,19 @@ def _scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter)
 
     What the user declared of the installed weights and bows, relative size along and angle across, and ``scatter``.
     """
-    known, installed = measurement.knowledge, installed_faults(model, measurement)
-    factors = np.zeros((len(measurement.runs), 4, 4))
-    for run, fault in enumerate(installed):
-        covariance = np.diag([scatter.unbalance_kg_m**2] * 2 + [scatter.bow_m**2] * 2)
-        covariance[:2, :2] += polar_covariance(fault[:2], known.installed_unbalance, known.installed_angle_rad)
-        covariance[2:, 2:] += polar_covariance(fault[2:], known.installed_bow, known.installed_angle_rad)
-        values, directions = np.linalg.eigh(covariance)
-        factors[run] = directions * np.sqrt(np.maximum(values, 0.0))
-    return factors
+    installed = installed_faults(model, measurement)
+    return np.stack([random_in_run(measurement.knowledge, fault, scatter) for fault in installed])
+
+
+def random_in_run(
+    known: Knowledge, fault: Float[np.ndarray, "4"], scatter: RunScatter
+) -> Float[np.ndarray, "4 latent"]:
+    """The same of one run. **Arguments:** ``fault``: unbalance and bow installed, as the disk feels them [kg m, m]."""
+    covariance = np.diag([scatter.unbalance_kg_m**2] * 2 + [scatter.bow_m**2] * 2)
+    covariance[:2, :2] += polar_covariance(fault[:2], known.installed_unbalance, known.installed_angle_rad)
+    covariance[2:, 2:] += polar_covariance(fault[2:], known.installed_bow, known.installed_angle_rad)
+    values, directions = np.linalg.eigh(covariance)
+    return directions * np.sqrt(np.maximum(values, 0.0))
 
 
 def _form_error(

@@ -65,7 +65,7 @@ class End(NamedTuple):
     """False where motions are left that do not balance."""
 
     @property
-    def told(self) -> Float[np.ndarray, "free free"]:
+    def data_curvature(self) -> Float[np.ndarray, "free free"]:
         """The curvature of the data alone."""
         return self.curvature - np.diag(self.prior.weight)
 
@@ -73,7 +73,7 @@ class End(NamedTuple):
     def determined(self) -> Float[np.ndarray, "free determined"]:
         """Directions that the data determine beyond the prior, orthonormal in units of its width there."""
         width = self.prior_width[self.free]
-        curvatures, directions = np.linalg.eigh(width[:, None] * self.told * width)
+        curvatures, directions = np.linalg.eigh(width[:, None] * self.data_curvature * width)
         return directions[:, curvatures > DETERMINED]
 
     @property

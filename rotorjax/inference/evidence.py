@@ -5,8 +5,9 @@ evidence is the mean over prior scales s_k = 3^k times the declared one, for the
 from where it could just be seen up to the declared scale, or 2000 times that for a force that depends on motion and a
 probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for the scale that
 somebody chose. An effect that often has a simpler form (`Effect.forms`: errors of the stiffness that are the same along
-x and y, one probe off and not the other, an eccentric probe track) does not pay for the parameters that this form does
-not have: the mean is over its forms too, each as likely.
+x and y, one probe off and not the other, an eccentric probe track) is averaged over these too, each as likely as that
+all its parameters are independent: those that a form does not have then lower the evidence by no more than the
+logarithm of the number of forms.
 
 Each of these priors is that of unknowns T_k w, with w as declared. To first order about the optimum at the declared
 scales, where the curvature of the data is A, that of the prior W and both together H = A + W, the optimum u moves to v
@@ -25,7 +26,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from jaxtyping import Float, Int
 
-from rotorjax.inference.descent import End
+from rotorjax.inference.descent import DETERMINED, End
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.prior import prior_at, together
 from rotorjax.inference.space import Space
@@ -39,8 +40,8 @@ SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
 LEAST = -12
 """Smallest power of the step."""
-BESIDE = 0.01
-"""Standard deviation beside the directions of a form, in prior scales."""
+ACROSS = 0.01
+"""Standard deviation across the directions of a form, over that along them."""
 
 
 def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> float:
@@ -55,7 +56,7 @@ def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> fl
     parts, total = together(np.asarray(space.open_size)[end.free]), own
     here = _determined(end)
     for group, widths in left_open(end, space):
-        logs = [_under(end, here, group, width, parts, log_of) for width in widths]
+        logs = [_under_prior(end, here, group, width, parts, log_of) for width in widths]
         total += float(np.logaddexp.reduce(logs)) - np.log(len(logs)) - own
     return total
 
@@ -81,18 +82,26 @@ def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"],
             group[entry.label] = place[entry.unknown]
     for (effect, number), labels in groups.items():
         group = np.array(list(labels.values()))
-        shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels))]
+        shapes = [
+            np.eye(len(group)),
+            *_forms(space.model, effect, tuple(labels), end.data_curvature[np.ix_(group, group)]),
+        ]
         if number >= 0:
             largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else LARGEST
-            scales = factors(end.told, end.prior.weight, group, largest)
+            scales = factors(end.data_curvature, end.prior.weight, group, largest)
             yield group, [scale * shape for scale in scales for shape in shapes]
         elif len(shapes) > 1:
             yield group, shapes
 
 
-def _forms(model: Model, effect: str, labels: tuple[str, ...]) -> list[Float[np.ndarray, "part part"]]:
+def _forms(
+    model: Model, effect: str, labels: tuple[str, ...], told: Float[np.ndarray, "part part"]
+) -> list[Float[np.ndarray, "part part"]]:
     """Matrices T as in `left_open` of an effect's simpler forms: along their directions with the declared scales of the
-    parameters that take part, `BESIDE` them elsewhere.
+    parameters that take part, `ACROSS` them a small share of that. Forms of which the data tell nothing are left out,
+    and those of parameters that are not free together.
+
+    **Arguments:** ``told``: curvature of the data.
     """
     angles = model.rotor.spin * np.asarray(model.probes.angle)
     found = []
@@ -103,12 +112,14 @@ def _forms(model: Model, effect: str, labels: tuple[str, ...]) -> list[Float[np.
         shares = np.array([[direction.get(label, 0.0) for direction in form] for label in labels])
         basis, _ = np.linalg.qr(shares)
         along = basis @ basis.T
+        if np.trace(basis.T @ told @ basis) < DETERMINED:
+            continue
         taking_part = np.count_nonzero(np.any(shares != 0.0, axis=1))
-        found.append(np.sqrt(taking_part / len(form)) * along + BESIDE * (np.eye(len(labels)) - along))
+        found.append(np.sqrt(taking_part / len(form)) * along + ACROSS * (np.eye(len(labels)) - along))
     return found
 
 
-def _under(
+def _under_prior(
     end: End,
     here: Float[np.ndarray, "free"],
     group: Int[np.ndarray, "part"],
@@ -116,17 +127,15 @@ def _under(
     parts: Float[np.ndarray, "free free"],
     log_of: Callable[[float], float],
 ) -> float:
-    """Log evidence with the prior of some unknowns T times as wide. **Arguments:** ``here``: the optimum; ``width``:
-    T.
-    """
-    narrowed = np.eye(len(here))
-    narrowed[np.ix_(group, group)] = np.linalg.inv(width)
-    curvature = end.told + narrowed.T @ np.diag(prior_at(narrowed @ here, parts).weight) @ narrowed
+    """Log evidence under another prior of some unknowns. **Arguments:** ``here``: the optimum; ``width``: T."""
+    to_declared = np.eye(len(here))
+    to_declared[np.ix_(group, group)] = np.linalg.inv(width)
+    curvature = end.data_curvature + to_declared.T @ np.diag(prior_at(to_declared @ here, parts).weight) @ to_declared
     there = np.linalg.solve(curvature, end.curvature @ here)
     step = there - here
     data_cost = end.cost - prior_at(here, parts).cost
-    fit = data_cost + 0.5 * float(step @ end.told @ step) - float((end.prior.weight * here) @ step)
-    cost = fit + prior_at(narrowed @ there, parts).cost
+    fit = data_cost + 0.5 * float(step @ end.data_curvature @ step) - float((end.prior.weight * here) @ step)
+    cost = fit + prior_at(to_declared @ there, parts).cost
     return log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - float(np.linalg.slogdet(width)[1])
 
 

@@ -94,9 +94,10 @@ def next_lines(found: Explanation) -> list[str]:
         n = found.next_measurement
         one, other = (said(names) for names in n.separates)
         differ = f"{one} and {other} differ by" if one else f"{other} would show by"
+        there = "there" if len(n.speeds_rpm) == 1 else "at these together"
         doubt = "" if n.settles else "; that need not settle it"
         return [
-            f"Measure next: {readings_in_words(n)}; there {differ} "
+            f"Measure next: {readings_in_words(n)}; {there} {differ} "
             f"{number(n.standardised_difference, 2)} standard errors{doubt}."
         ]
     if not found.ties.tied:
@@ -111,7 +112,7 @@ def next_lines(found: Explanation) -> list[str]:
     where = "within the limits"
     if found.contest.measurement.knowledge.limits.speed_rpm is None:
         where = "up to the highest speed measured"
-        advice += "; higher ones may, if the machine allows them ([limits] speed_rpm in the rig file)"
+        advice += "; readings at higher speeds may, if the machine allows them ([limits] speed_rpm in the rig file)"
     return [f"No readings {where} would settle the tie{advice}."]
 
 

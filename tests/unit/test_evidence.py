@@ -11,7 +11,7 @@ from rotorjax import Jeffcott, Layout, Model, effects
 from rotorjax.data.measurement import Knowledge
 from rotorjax.effects import CATALOG
 from rotorjax.inference.descent import End, Local
-from rotorjax.inference.evidence import BESIDE, LARGEST, STEP, factors, log_evidence
+from rotorjax.inference.evidence import ACROSS, LARGEST, STEP, factors, log_evidence
 from rotorjax.inference.prior import prior_at
 from rotorjax.inference.space import Space, make_space
 
@@ -85,7 +85,7 @@ def test_errors_along_x_and_y_are_often_the_same_or_along_one_of_them(at: tuple[
     space = make_space(model, Knowledge(priors={"stiffness_error": {"error_x": 0.02, "error_y": 0.02}}))
     free, data = unknowns(space, "stiffness_error"), np.array([[3e5, 1e5], [1e5, 2e5]])
     end = fitted(space, free, data, np.array(at))
-    same, little = np.full((2, 2), 0.5), BESIDE**2
+    same, little = np.full((2, 2), 0.5), ACROSS**2
     priors = [np.eye(2), 2.0 * same + little * (np.eye(2) - same), np.diag([1.0, little]), np.diag([little, 1.0])]
     each = [multivariate_normal.logpdf(at, cov=np.linalg.inv(data) + prior) for prior in priors]
     exact = np.logaddexp.reduce(each) - math.log(4.0) + math.log(2.0 * math.pi) - 0.5 * np.linalg.slogdet(data)[1]

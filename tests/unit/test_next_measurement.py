@@ -3,35 +3,58 @@
 import numpy as np
 import pytest
 
-from rotorjax.discovery.next_measurement import MOST_READINGS, SETTLES, Shown, chosen_readings
+from rotorjax.discovery.next_measurement import (
+    MOST_READINGS,
+    SETTLES,
+    Differences,
+    chosen_readings,
+    form_errors,
+)
 
 
-def shown(rng: np.random.Generator, size: float) -> Shown:
-    cases, cells, free = 30, 4, 3
-    apart, spread = size * rng.standard_normal((cases, cells)), rng.standard_normal((cases, cells, free))
-    return Shown(apart, spread, rng.uniform(0.5, 2.0, (cases, cells)), np.arange(cases) % 3 > 0)
+def differences(rng: np.random.Generator, size: float) -> Differences:
+    cases, cells, errors = 30, 4, 3
+    apart, common = size * rng.standard_normal((cases, cells)), rng.standard_normal((cases, cells, errors))
+    return Differences(apart, common, np.arange(cases) % 3 > 0)
 
 
 @pytest.mark.parametrize("size", [0.1, 0.7, 3.0])
-def test_they_tell_together_what_is_said(rng, size: float):
-    """Against the whole covariance of all readings at once: noise, and what the parameters leave open."""
-    given = shown(rng, size)
+@pytest.mark.parametrize("common", [0.0, 1.0, 1e4])
+def test_they_tell_together_what_is_said(rng, size: float, common: float):
+    """Against the whole covariance of all readings at once: noise, and errors that they have in common."""
+    given = differences(rng, size)
+    given = given._replace(common=common * given.common)
     chosen, differ = chosen_readings(given)
     gap = given.apart[chosen].ravel()
-    slopes = given.spread[chosen].reshape(len(gap), -1)
-    noise = given.variance[chosen].ravel()
-    whole = gap @ np.linalg.solve(np.diag(noise) + slopes @ slopes.T, gap)
-    assert differ == pytest.approx(np.sqrt(whole), rel=1e-9)
+    columns = given.common[chosen].reshape(len(gap), -1)
+    whole = gap @ np.linalg.solve(np.eye(len(gap)) + columns @ columns.T, gap)
+    assert differ == pytest.approx(np.sqrt(whole), rel=1e-6)
     assert all(given.allowed[chosen])
     assert len(set(chosen)) == len(chosen) <= MOST_READINGS
 
 
 def test_no_more_are_chosen_than_settle_it(rng):
-    assert len(chosen_readings(shown(rng, 30.0))[0]) == 1
-    chosen, differ = chosen_readings(shown(rng, 0.05))
+    assert len(chosen_readings(differences(rng, 30.0))[0]) == 1
+    chosen, differ = chosen_readings(differences(rng, 0.05))
     assert (len(chosen), differ < SETTLES) == (MOST_READINGS, True)
 
 
 def test_none_is_chosen_where_none_is_allowed(rng):
-    given = shown(rng, 1.0)
+    given = differences(rng, 1.0)
     assert chosen_readings(given._replace(allowed=np.zeros(30, bool))) == ([], 0.0)
+
+
+def test_what_all_readings_have_in_common_is_not_averaged_away(rng):
+    """A difference that is the same everywhere, beside an error that is, too."""
+    apart, common = np.full((30, 4), 2.0), np.ones((30, 4, 1))
+    assert chosen_readings(Differences(apart, common, np.ones(30, bool)))[1] < 2.0 + 1e-9
+
+
+def test_relative_errors_of_the_models_form_move_vectors_as_a_matrix_does(rng):
+    """Columns in the order of the cells: probe, order, real and imaginary part."""
+    z = rng.standard_normal((5, 2, 3)) + 1j * rng.standard_normal((5, 2, 3))
+    unit = rng.standard_normal((2, 2, 3, 2))
+    epsilon = unit[..., 0] + 1j * unit[..., 1]
+    moved = np.einsum("pqn,cqn->cpn", epsilon, z)
+    expected = np.stack([moved.real, moved.imag], axis=-1).reshape(5, -1)
+    assert np.allclose(form_errors(z) @ unit.ravel(), expected)

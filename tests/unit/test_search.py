@@ -63,6 +63,12 @@ class NoDirection(Mine):
         return self.size_n * instant.position / jnp.linalg.norm(instant.position)
 
 
+class Misspelt(Mine):
+    @classmethod
+    def forms(cls, layout, angles):
+        return (({"size": 1.0},),)
+
+
 class Elsewhere(Mine):
     family: ClassVar[str] = "magic"
 
@@ -72,6 +78,7 @@ class Elsewhere(Mine):
     [
         (OneNumber, r"shape \(\); return \(f_x, f_y\) in N"),
         (NoDirection, "keep it finite there"),
+        (Misspelt, r"mine: forms\(\) names 'size'; its parameters are size_n"),
         (Elsewhere, "family 'magic'; there are excitation, structure, restoring, reading"),
     ],
 )
