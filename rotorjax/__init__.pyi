@@ -41,8 +41,8 @@ from .model.contract import SpeedEffect as SpeedEffect
 from .model.contract import Support as Support
 from .model.contract import SupportEffect as SupportEffect
 from .model.contract import WaveformEffect as WaveformEffect
-from .model.contract import parameter as parameter
 from .model.model import Model as Model
+from .model.parameters import parameter as parameter
 from .model.rotor import Jeffcott as Jeffcott
 from .physics.response import response as response
 from .physics.stability import SteadyStates as SteadyStates

@@ -13,12 +13,11 @@ from rotorjax.model.contract import (
     Excitation,
     ExcitationEffect,
     Family,
-    Form,
     OperatingPoint,
     Plan,
     SweepEffect,
-    parameter,
 )
+from rotorjax.model.parameters import Form, parameter
 from rotorjax.units import RPM
 
 

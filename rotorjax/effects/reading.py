@@ -8,7 +8,8 @@ from jax import Array
 from jaxtyping import Float
 
 from rotorjax.model.conditions import Layout
-from rotorjax.model.contract import Family, Form, OperatingPoint, Reading, ReadingEffect, SpeedEffect, parameter
+from rotorjax.model.contract import Family, OperatingPoint, Reading, ReadingEffect, SpeedEffect
+from rotorjax.model.parameters import Form, parameter
 
 API_670_GAIN = 0.05
 """Allowed error of a proximity probe's scale factor, interchangeability included (API 670, 5th edition, 2014)."""

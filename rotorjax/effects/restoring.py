@@ -5,16 +5,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.model.contract import (
-    BALANCE_GRADE,
-    AbstractRotor,
-    Family,
-    Instant,
-    Plan,
-    RestoringEffect,
-    WaveformEffect,
-    parameter,
-)
+from rotorjax.model.contract import BALANCE_GRADE, AbstractRotor, Family, Instant, Plan, RestoringEffect, WaveformEffect
+from rotorjax.model.parameters import parameter
 from rotorjax.units import MICROMETRE
 
 AROUND = Plan(runs=3, speeds=(0.7, 0.85, 0.95, 1.05, 1.2, 1.4))

@@ -12,14 +12,13 @@ from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import (
     AbstractRotor,
     Family,
-    Form,
     Matrices,
     MatrixEffect,
     OperatingPoint,
     Support,
     SupportEffect,
-    parameter,
 )
+from rotorjax.model.parameters import Form, parameter
 
 FOUNDATION_DAMPING_RATIO = 0.05
 """Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al.,

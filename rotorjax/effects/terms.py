@@ -24,8 +24,8 @@ from rotorjax.model.contract import (
     OperatingPoint,
     Plan,
     RestoringEffect,
-    parameter,
 )
+from rotorjax.model.parameters import parameter
 
 TWICE = ONCE_AND_TWICE._replace(orders=(0.0, 1.0, 2.0, 3.0))
 """With the mean, where a constant force acts, and 3X, where a pulsating stiffness does."""

@@ -7,8 +7,7 @@ reference. ``f = (1, -i)`` is the forward circular motion of a shaft that turns 
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,7 +17,6 @@ from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax.arrays import as_float, is_known
-from rotorjax.units import Unit, unit_of
 
 if TYPE_CHECKING:
     # A type checker takes equinox's own for instance variables.
@@ -29,7 +27,8 @@ else:
     from equinox import AbstractClassVar
 
 
-from rotorjax.model.conditions import Axis, Layout
+from rotorjax.model.conditions import Layout
+from rotorjax.model.parameters import Form, Parameter
 
 Family = Literal["excitation", "structure", "restoring", "reading"]
 
@@ -40,61 +39,6 @@ BALANCE_GRADE = 6.3e-3
 
 LEAST_DAMPING_RATIO = 1e-3
 """Damping ratio that sets the scale of damping effects where the rig file has less."""
-
-
-Form = tuple[Mapping[str, float], ...]
-"""Directions in the space of an effect's parameters: label -> share."""
-
-
-class Parameter(NamedTuple):
-    """What a field of an effect declares: see `parameter`."""
-
-    name: str
-    meaning: str
-    scale: float
-    of: str
-    axes: tuple[Axis, ...]
-    shape_only: bool = False
-
-    @property
-    def unit(self) -> Unit:
-        """Declared by the ending of the name."""
-        return unit_of(self.name)
-
-    def prior_scale(self, rotor: "AbstractRotor") -> float:
-        """Prior scale in SI (`rotorjax.inference.prior`): ``scale`` times the rig's quantity ``of``."""
-        quantities = rotor.quantities()
-        if self.of not in quantities:
-            raise ValueError(
-                f"parameter {self.name}: of={self.of!r} is no quantity of the rig; it has {', '.join(quantities)}"
-            )
-        return self.scale * quantities[self.of]
-
-    def shape(self, layout: Layout) -> tuple[int, ...]:
-        """One length per axis."""
-        return tuple(len(layout.names(axis)) for axis in self.axes)
-
-    def labels(self, layout: Layout) -> list[str]:
-        """Full names of the entries: ``angle_rad.X``, ``real_m.X.1X``."""
-        labels = [self.name]
-        for axis in self.axes:
-            labels = [f"{label}.{name}" for label in labels for name in layout.names(axis)]
-        return labels
-
-
-def parameter(
-    meaning: str, *, scale: float, of: str = "one", axes: tuple[Axis, ...] = (), shape_only: bool = False
-) -> Any:
-    """Declare a field of an effect as one of its parameters. Zero means that the effect is absent.
-
-    **Arguments:** ``meaning`` in a few words; ``scale`` and ``of``: the prior scale is ``scale``
-    times that quantity of the rig (`AbstractRotor.quantities`, "one" for a number in SI); ``axes``: one value per
-    probe, order or plane after the first; ``shape_only``: it says how the effect acts and not how strongly, like a gap
-    or a coefficient of friction, so that its prior scale is what is declared and not left open over decades
-    (`rotorjax.inference.evidence`). The unit is the ending of the field's name (``_n_per_m``, ``_rad``).
-    """
-    declared = (meaning, scale, of, axes, shape_only)
-    return eqx.field(default=0.0, converter=as_float, metadata={"parameter": declared})
 
 
 class AbstractRotor(eqx.Module):

@@ -11,7 +11,8 @@ from typing import Any
 
 from rotorjax.data.synonyms import SYNONYMS
 from rotorjax.effects.terms import NAMED
-from rotorjax.model.contract import Effect, Parameter
+from rotorjax.model.contract import Effect
+from rotorjax.model.parameters import Parameter
 from rotorjax.reporting.tables import Table
 
 _QUANTITIES = {

@@ -9,7 +9,8 @@ from jax import Array
 from scipy.integrate import solve_ivp
 
 from rotorjax import Conditions, Jeffcott, Layout, Model, Support, SupportEffect, effects, response, steady_states
-from rotorjax.model.contract import Family, OperatingPoint, parameter
+from rotorjax.model.contract import Family, OperatingPoint
+from rotorjax.model.parameters import parameter
 from rotorjax.physics.harmonic_balance import BALANCED, UNSTABLE
 
 from nonlinear_oracle import DOWN, NonlinearRotor, clearance, rub

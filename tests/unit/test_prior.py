@@ -12,7 +12,7 @@ from rotorjax import Jeffcott, Model, effects
 from rotorjax.data.measurement import Knowledge
 from rotorjax.inference.prior import prior_at
 from rotorjax.inference.space import make_space
-from rotorjax.model.contract import parameter
+from rotorjax.model.parameters import parameter
 
 NORMAL_PEAK = 0.3989422804014327
 

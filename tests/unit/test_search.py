@@ -10,7 +10,7 @@ from rotorjax import Instant, RestoringEffect, effects, parameter
 from rotorjax.discovery.contest import check_catalog
 from rotorjax.discovery.held_out import _pruned
 from rotorjax.discovery.search import PRICE, neighbours
-from rotorjax.model.contract import Parameter
+from rotorjax.model.parameters import Parameter
 
 CANDIDATES = ("a", "b", "c", "d")
 
