@@ -53,6 +53,8 @@ LINEARISATIONS = 750_000
 """Single cases that an explanation may linearise."""
 FOR_THE_FORCE = 50_000
 """Of them kept for the force that is missing, where nothing explains, however long the search took."""
+FOR_THE_STEPS = 20_000
+"""Of these, what the fits of the steps may take where the limit of the search was reached."""
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -170,7 +172,9 @@ def _answer(
     held = HeldOut((None,) * len(selection.races), why)
     if stages.go("error on data held out"):
         held = held_out(contest, selection, ties)
-    story = _story(selection, model, stated, held, undriven, written.best.slip)
+    # What is shown has settled, even where the search was cut off.
+    with contest.budget.ahead(FOR_THE_STEPS):
+        story = _story(selection, model, stated, held, undriven, written.best.slip)
     fits = story.fits
     p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.

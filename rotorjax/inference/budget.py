@@ -41,6 +41,18 @@ class Budget:
         self._reserved = 0
 
     @contextlib.contextmanager
+    def ahead(self, most: int) -> Iterator[None]:
+        """While it is open, up to ``most`` of what is reserved may be spent before it is released."""
+        lent = min(most, self._reserved)
+        if self.limit is not None:
+            self.limit += lent
+        try:
+            yield
+        finally:
+            if self.limit is not None:
+                self.limit -= lent
+
+    @contextlib.contextmanager
     def share(self, most: float | int) -> Iterator[None]:
         """While it is open, no more than ``most`` of what is left."""
         limit = self.limit

@@ -17,6 +17,18 @@ def test_what_is_reserved_is_there_at_the_end_however_much_was_spent():
     assert budget.limit == 1000
 
 
+def test_a_part_of_what_is_reserved_is_spent_ahead():
+    budget = Budget(1000)
+    budget.reserve(100)
+    budget.spend(900)
+    with budget.ahead(60):
+        assert budget.left == 60
+        budget.spend(40)
+    assert budget.exhausted
+    budget.release()
+    assert (budget.limit, budget.left) == (1000, 60)
+
+
 @pytest.mark.parametrize("most", [300, 5000])
 def test_a_share_is_no_more_than_what_is_left(most):
     budget = Budget(1000)
@@ -30,5 +42,7 @@ def test_without_a_limit_nothing_is_exhausted():
     budget = Budget()
     budget.reserve(10)
     budget.spend(10**9)
+    with budget.ahead(10):
+        assert not budget.exhausted
     budget.release()
     assert not budget.exhausted
