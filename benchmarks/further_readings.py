@@ -12,6 +12,7 @@ import numpy as np
 from rotorjax import explain, read_measurement, read_rig
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.next_measurement import BARE, LOWEST, Proposal
+from rotorjax.units import RPM
 
 from answers import answer
 from detailed.case import Case, Readings
@@ -52,7 +53,7 @@ def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | N
 
 def _readings(proposal: Proposal) -> Readings:
     run = NOTHING_INSTALLED if proposal.run == BARE else proposal.run
-    return Readings(run, NOT_THE_SAME * np.array(proposal.speeds_rpm) * np.pi / 30.0, proposal.new_probes)
+    return Readings(run, NOT_THE_SAME * RPM * np.array(proposal.speeds_rpm), proposal.new_probes)
 
 
 def _all_installed(case: Case) -> bool:

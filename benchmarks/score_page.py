@@ -143,7 +143,8 @@ def draw_confusion(rows: Sequence[Row], path: Path) -> None:
     figure, ax = plt.subplots(figsize=(2 + 0.3 * len(down), 2 + 0.25 * len(across)), layout="constrained")
     ax.imshow(np.where(grid > 0, grid, np.nan), cmap="Blues", vmin=0)
     for i, j in np.argwhere(grid):
-        ax.text(j, i, str(grid[i, j]), ha="center", va="center", fontsize=7)
+        colour = "white" if grid[i, j] > 0.5 * grid.max() else "black"
+        ax.text(j, i, str(grid[i, j]), ha="center", va="center", fontsize=7, color=colour)
     ax.set_xticks(range(len(down)), down, rotation=90, fontsize=7)
     ax.set_yticks(range(len(across)), across, fontsize=7)
     ax.set_xlabel("named")

@@ -93,13 +93,22 @@ def next_measurement(
     low, high = m.knowledge.limits.speed_rpm or (LOWEST * m.speed_rpm.min(), m.speed_rpm.max())
     speeds = np.linspace(low, high, SPEEDS)
     new = tuple(probe for probe in m.probes if probe not in m.probes_read)
+    clear = _clear_of_resonances(contest, speeds, (first, second))
     for run in _runs(contest, noise):
-        differences = _Compared.of(contest, run, speeds, (first, second))
+        compared = _Compared.of(contest, run, speeds, clear, (first, second))
         for further in [(), new] if new else [()]:
-            chosen, differ = chosen_readings(differences.read_by(noise, m.probes_read + further))
+            chosen, differ = chosen_readings(compared.read_by(noise, m.probes_read + further))
             proposals.append(Proposal(run.name, tuple(float(speeds[c]) for c in chosen), names, differ, further))
     best = max(proposals, key=_worth)
     return best if best.standardised_difference >= TELLING else None
+
+
+def _clear_of_resonances(
+    contest: Contest, speeds: Float[np.ndarray, "case"], ends: tuple[End, End]
+) -> Bool[np.ndarray, "case"]:
+    models = [without_timed(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
+    peaks = np.concatenate([critical_speeds_rpm(model) for model in models])
+    return np.all(np.abs(speeds[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1)
 
 
 def _worth(proposal: Proposal) -> tuple[bool, bool, int, float]:
@@ -117,7 +126,15 @@ class _Compared(NamedTuple):
     allowed: Bool[np.ndarray, "case"]
 
     @classmethod
-    def of(cls, contest: Contest, run: _Run, speeds: Float[np.ndarray, "case"], ends: tuple[End, End]) -> "_Compared":
+    def of(
+        cls,
+        contest: Contest,
+        run: _Run,
+        speeds: Float[np.ndarray, "case"],
+        clear: Bool[np.ndarray, "case"],
+        ends: tuple[End, End],
+    ) -> "_Compared":
+        """**Arguments:** ``clear``: speeds that are clear of resonances."""
         count = len(speeds)
         conditions = Conditions.at_rpm(
             speeds, unbalance=np.tile(run.unbalance, (count, 1, 1)), bow=np.tile(run.bow, (count, 1))
@@ -127,14 +144,11 @@ class _Compared(NamedTuple):
         shown, spread = ([np.where(known[:, None, None], z, 0.0) for z in values] for values in (shown, spread))
         model = contest.space.model_at(ends[0].point)
         random = fault_sensitivity(model, conditions).reshape(count, -1, 4) @ run.random
-        models = [without_timed(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
-        peaks = np.concatenate([critical_speeds_rpm(model) for model in models])
-        # Where a force depends on the motion there may be no steady state to compute.
-        allowed = known & np.all(np.abs(speeds[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1)
         m, limits = contest.measurement, contest.measurement.knowledge.limits
         largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
         most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
-        allowed &= np.all([np.abs(z).reshape(count, -1).max(axis=1) <= most for z in shown], axis=0)
+        # Where a force depends on the motion there may be no steady state to compute.
+        allowed = clear & known & np.all([np.abs(z).reshape(count, -1).max(axis=1) <= most for z in shown], axis=0)
         return cls(contest, (shown[0], shown[1]), np.concatenate([*spread, random], axis=2), allowed)
 
     def read_by(self, noise: Noise, probes: tuple[str, ...]) -> Differences:

@@ -17,7 +17,7 @@ from rotorjax.model.contract import (
     Plan,
     SweepEffect,
 )
-from rotorjax.model.parameters import Form, parameter
+from rotorjax.model.parameters import Form, only, parameter
 from rotorjax.units import RPM
 
 
@@ -93,7 +93,7 @@ class Misalignment(ExcitationEffect):
         """Twice per turn only."""
         if not {1.0, 2.0} <= set(layout.orders):
             return ()
-        return (tuple({f"force_2_{axis}_{part}_n": 1.0} for axis in "xy" for part in ("real", "imaginary")),)
+        return (only(f"force_2_{axis}_{part}_n" for axis in "xy" for part in ("real", "imaginary")),)
 
     def excitation(self, point: OperatingPoint) -> Excitation:
         once = point.forward(jnp.stack([self.force_1_x_n, self.force_1_y_n]))

@@ -9,17 +9,12 @@ from jaxtyping import Float
 
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Family, OperatingPoint, Reading, ReadingEffect, SpeedEffect
-from rotorjax.model.parameters import Form, parameter
+from rotorjax.model.parameters import Form, one_of, only, parameter
 
 API_670_GAIN = 0.05
 """Allowed error of a proximity probe's scale factor, interchangeability included (API 670, 5th edition, 2014)."""
 API_670_RUNOUT = 6.35e-6
 """Allowed combined mechanical and electrical runout, 0.25 mil (API 670, 5th edition, 2014) [m]."""
-
-
-def one_probe(name: str, layout: Layout) -> tuple[Form, ...]:
-    """Forms of an effect with one parameter per probe: one of them off, and the others right."""
-    return tuple(({f"{name}.{probe}": 1.0},) for probe in layout.probes)
 
 
 def _of_track(layout: Layout, angles: Float[np.ndarray, "probe"], order: float) -> Form:
@@ -45,7 +40,7 @@ class ProbeAngle(ReadingEffect):
 
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
-        return one_probe("angle_rad", layout)
+        return one_of(f"angle_rad.{probe}" for probe in layout.probes)
 
     def reading(self, point: OperatingPoint) -> Reading:
         return Reading(direction=self.angle_rad)
@@ -77,8 +72,7 @@ class Runout(ReadingEffect):
         once = _of_track(layout, angles, 1.0)
         if len(layout.probes) == 1:
             return track, once
-        labels = [f"{part}.{probe}.1X" for part in ("real_m", "imaginary_m") for probe in layout.probes]
-        return track, once, tuple({label: 1.0} for label in labels)
+        return track, once, only(f"{part}.{probe}.1X" for part in ("real_m", "imaginary_m") for probe in layout.probes)
 
     def reading(self, point: OperatingPoint) -> Reading:
         every = self.real_m + 1j * self.imaginary_m
@@ -97,7 +91,7 @@ class ProbeGain(ReadingEffect):
 
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
-        return one_probe("gain", layout)
+        return one_of(f"gain.{probe}" for probe in layout.probes)
 
     def reading(self, point: OperatingPoint) -> Reading:
         return Reading(gain=1.0 + self.gain)
@@ -128,7 +122,7 @@ class ChainGain(ReadingEffect):
 
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
-        return (({"gain_real": 1.0},),)
+        return one_of(["gain_real"])
 
     def reading(self, point: OperatingPoint) -> Reading:
         size = jnp.sqrt((1.0 + self.gain_real) ** 2 + self.gain_imaginary**2)

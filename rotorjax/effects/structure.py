@@ -18,7 +18,7 @@ from rotorjax.model.contract import (
     Support,
     SupportEffect,
 )
-from rotorjax.model.parameters import Form, parameter
+from rotorjax.model.parameters import Form, one_of, parameter
 
 FOUNDATION_DAMPING_RATIO = 0.05
 """Damping ratio of a foundation whose ``log_damping`` is null: usual for bolted steel frames (Gasch et al.,
@@ -28,7 +28,7 @@ Rotordynamik, 2006).
 
 def alike_or_one(x: str, y: str) -> tuple[Form, ...]:
     """Forms of an effect along x and y: the same along both, or along one of them only."""
-    return ({x: 1.0, y: 1.0},), ({x: 1.0},), ({y: 1.0},)
+    return ({x: 1.0, y: 1.0},), *one_of([x, y])
 
 
 def either_side(name: str) -> tuple[dict[str, float], ...]:

@@ -22,6 +22,7 @@ Berger 2008, J. Am. Stat. Assoc. 103:410-423.)
 """
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -53,10 +54,9 @@ def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> fl
     own = log_of(end.cost) - 0.5 * float(np.linalg.slogdet(end.curvature)[1])
     if end.result != CONVERGED:
         return own
-    parts, total = together(np.asarray(space.open_size)[end.free]), own
-    here = _determined(end)
+    optimum, total = _Optimum.of(end, together(np.asarray(space.open_size)[end.free])), own
     for group, widths in left_open(end, space):
-        logs = [_under_prior(end, here, group, width, parts, log_of) for width in widths]
+        logs = [optimum.under(group, width, log_of) for width in widths]
         total += float(np.logaddexp.reduce(logs)) - np.log(len(logs)) - own
     return total
 
@@ -73,7 +73,7 @@ def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"],
     """Free unknowns whose prior is averaged over, together, and the priors: the matrices T that make unknowns T w of
     unknowns w with the declared one.
     """
-    place = {int(unknown): k for k, unknown in enumerate(end.free)}
+    place, told = {int(unknown): k for k, unknown in enumerate(end.free)}, end.data_curvature
     strength, sizes = np.asarray(space.strength), np.asarray(space.open_size)
     groups: dict[tuple[str, int], dict[str, int]] = {}
     for entry in space.entries:
@@ -82,13 +82,10 @@ def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"],
             group[entry.label] = place[entry.unknown]
     for (effect, number), labels in groups.items():
         group = np.array(list(labels.values()))
-        shapes = [
-            np.eye(len(group)),
-            *_forms(space.model, effect, tuple(labels), end.data_curvature[np.ix_(group, group)]),
-        ]
+        shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels), told[np.ix_(group, group)])]
         if number >= 0:
             largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else LARGEST
-            scales = factors(end.data_curvature, end.prior.weight, group, largest)
+            scales = factors(told, end.prior.weight, group, largest)
             yield group, [scale * shape for scale in scales for shape in shapes]
         elif len(shapes) > 1:
             yield group, shapes
@@ -119,24 +116,41 @@ def _forms(
     return found
 
 
-def _under_prior(
-    end: End,
-    here: Float[np.ndarray, "free"],
-    group: Int[np.ndarray, "part"],
-    width: Float[np.ndarray, "part part"],
-    parts: Float[np.ndarray, "free free"],
-    log_of: Callable[[float], float],
-) -> float:
-    """Log evidence under another prior of some unknowns. **Arguments:** ``here``: the optimum; ``width``: T."""
-    to_declared = np.eye(len(here))
-    to_declared[np.ix_(group, group)] = np.linalg.inv(width)
-    curvature = end.data_curvature + to_declared.T @ np.diag(prior_at(to_declared @ here, parts).weight) @ to_declared
-    there = np.linalg.solve(curvature, end.curvature @ here)
-    step = there - here
-    data_cost = end.cost - prior_at(here, parts).cost
-    fit = data_cost + 0.5 * float(step @ end.data_curvature @ step) - float((end.prior.weight * here) @ step)
-    cost = fit + prior_at(to_declared @ there, parts).cost
-    return log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - float(np.linalg.slogdet(width)[1])
+class _Optimum(NamedTuple):
+    """Cost and curvature about one optimum under the declared prior."""
+
+    here: Float[np.ndarray, "free"]
+    data: Float[np.ndarray, "free free"]
+    """Curvature of the data."""
+    data_cost: float
+    data_gradient: Float[np.ndarray, "free"]
+    pull: Float[np.ndarray, "free"]
+    """Whole curvature times the optimum."""
+    parts: Float[np.ndarray, "free free"]
+    """As in `rotorjax.inference.prior.prior_at`."""
+
+    @classmethod
+    def of(cls, end: End, parts: Float[np.ndarray, "free free"]) -> "_Optimum":
+        here = _determined(end)
+        data_cost = end.cost - prior_at(here, parts).cost
+        return cls(here, end.data_curvature, data_cost, -end.prior.weight * here, end.curvature @ here, parts)
+
+    def under(
+        self,
+        group: Int[np.ndarray, "part"],
+        width: Float[np.ndarray, "part part"],
+        log_of: Callable[[float], float],
+    ) -> float:
+        """Log evidence under another prior of some unknowns. **Arguments:** ``width``: T."""
+        to_declared = np.eye(len(self.here))
+        to_declared[np.ix_(group, group)] = np.linalg.inv(width)
+        weight = prior_at(to_declared @ self.here, self.parts).weight
+        curvature = self.data + to_declared.T @ (weight[:, None] * to_declared)
+        there = np.linalg.solve(curvature, self.pull)
+        step = there - self.here
+        fit = self.data_cost + float(self.data_gradient @ step) + 0.5 * float(step @ self.data @ step)
+        cost = fit + prior_at(to_declared @ there, self.parts).cost
+        return log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - float(np.linalg.slogdet(width)[1])
 
 
 def factors(

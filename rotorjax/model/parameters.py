@@ -1,6 +1,6 @@
 """What the parameters of an effect declare of themselves, and the forms that they often have together."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -14,6 +14,16 @@ if TYPE_CHECKING:
 
 Form = tuple[Mapping[str, float], ...]
 """Directions in the space of an effect's parameters: label -> share."""
+
+
+def only(labels: Iterable[str]) -> Form:
+    """These parameters, each by itself, and no others."""
+    return tuple({label: 1.0} for label in labels)
+
+
+def one_of(labels: Iterable[str]) -> tuple[Form, ...]:
+    """A form for each of these parameters: it alone."""
+    return tuple(only([label]) for label in labels)
 
 
 class Parameter(NamedTuple):
