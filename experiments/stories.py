@@ -19,6 +19,7 @@ import jax
 
 from rotorjax import Explanation, explain, read_measurement, read_rig
 from rotorjax.cli.progress import progress_line
+from rotorjax.data.rig import Rig
 from rotorjax.reporting.explanation import explanation_text, notes, sentence
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.pictures import headline_figure
@@ -36,42 +37,42 @@ class Config:
     in_full: str = "case_5"
 
 
-def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "rig.toml") -> Explanation:
-    """Explain one measurement; write report, JSON and the explained model."""
+def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "rig.toml") -> tuple[Explanation, Rig]:
+    """Explain one measurement; write report, JSON and the explained model, in the conventions of the rig file."""
     rig = read_rig(folder / rig_name)
     with progress_line() as progress:
         measurement = read_measurement(folder / "measurement.csv", rig)
         found = explain(
             rig.model, measurement, max_effects=Config().max_effects, progress=lambda line: progress(f"{name}: {line}")
         )
-    found.report(output / f"{name}.html", title=title)
+    found.report(output / f"{name}.html", rig, title=title)
     (output / f"{name}.json").write_text(
-        json.dumps(explanation_json(found), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        json.dumps(explanation_json(found, rig), indent=2, allow_nan=False) + "\n", encoding="utf-8"
     )
     rig.write(output / f"{name}_explained.toml", found.model)
-    return found
+    return found, rig
 
 
 def real(data: Path, output: Path) -> Explanation:
     print("1. REAL MEASUREMENTS: RK4 rotor kit, plane 2 (M. Nouioua, KFUPM; doi 10.5281/zenodo.23152815)\n", flush=True)
-    found = solve(data / "rk4", output, "rk4", "RK4 rotor kit, plane 2: what a Jeffcott model lacks")
-    print(explanation_text(found), end="\n\n\n")
+    found, rig = solve(data / "rk4", output, "rk4", "RK4 rotor kit, plane 2: what a Jeffcott model lacks")
+    print(explanation_text(found, rig), end="\n\n\n")
     return found
 
 
-def hidden(data: Path, output: Path) -> dict[str, Explanation]:
+def hidden(data: Path, output: Path) -> None:
     print(
         "2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n", flush=True
     )
-    found = {
+    solved = {
         name: solve(data / "hidden" / name, output, f"hidden_{name}", f"Hidden effects, {name}")
         for name in Config().hidden
     }
-    print(explanation_text(found[Config().in_full]), end="\n\n")
+    print(explanation_text(*solved[Config().in_full]), end="\n\n")
     with (Path(__file__).parent / "hidden_truth.toml").open("rb") as file:
         truth = tomllib.load(file)
     rows = []
-    for name, answer in found.items():
+    for name, (answer, _) in solved.items():
         views = answer.story
         ties = "; ".join(" or ".join(" + ".join(names) for names in group) for group in answer.ties.groups())
         rows.append(
@@ -84,25 +85,22 @@ def hidden(data: Path, output: Path) -> dict[str, Explanation]:
         )  # fmt: skip
     heads = ["case", "hidden", "found", "too small to matter", "ties", "verdict", "before µm", "after µm", "noise µm"]
     print(Table("All cases, with the truth that the tool did not read", heads, rows).text(), end="\n\n\n")
-    return found
 
 
-def paper(data: Path, output: Path) -> tuple[Explanation, Explanation]:
+def paper(data: Path, output: Path) -> None:
     print(
         "3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (rebuilt, not "
         "measured)\n",
         flush=True,
     )
-    told = []
-    for rig, noise in (
+    for rig_name, noise in (
         ("rig.toml", "sensor noise of 1 µm alone"),
         ("rig_scatter.toml", "a few per cent of scatter allowed"),
     ):
-        name = "paper" if rig == "rig.toml" else "paper_scatter"
-        told.append(solve(data / "paper", output, name, f"The paper's vectors, {noise}", rig))
-        print(f"With {noise}: {sentence(told[-1])}\n")
-        print("\n".join(f"- {line}" for line in notes(told[-1])), end="\n\n")
-    return told[0], told[1]
+        name = "paper" if rig_name == "rig.toml" else "paper_scatter"
+        found, _ = solve(data / "paper", output, name, f"The paper's vectors, {noise}", rig_name)
+        print(f"With {noise}: {sentence(found)}\n")
+        print("\n".join(f"- {line}" for line in notes(found)), end="\n\n")
 
 
 def main() -> None:
