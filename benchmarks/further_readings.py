@@ -1,6 +1,7 @@
 """Whether the readings that `explain` proposes settle what is open: taken on the detailed rotor, beside random ones.
 
-The table with them is explained anew. The random ones are as many, in one of the same runs, within the same speeds.
+The table with them is explained anew. The random ones are as many, in one of the runs that may be proposed, within the
+same speeds.
 """
 
 import tempfile
@@ -11,7 +12,7 @@ import numpy as np
 
 from rotorjax import explain, read_measurement, read_rig
 from rotorjax.discovery.explanation import Explanation
-from rotorjax.discovery.next_measurement import BARE, LOWEST, Proposal
+from rotorjax.discovery.next_measurement import BARE, Proposal
 from rotorjax.units import RPM
 
 from answers import answer
@@ -19,8 +20,8 @@ from detailed.case import Case, Readings
 from detailed.files import write_case
 from detailed.in_time import NoSteadyStateError
 
-NOTHING_INSTALLED = "bare"
-"""Name of a run with nothing installed, where there was none."""
+NOTHING_INSTALLED, ONE_TRIAL_WEIGHT = "bare", "trial"
+"""Names of runs that there were none of: with nothing installed, and with nothing but a trial weight."""
 NOT_THE_SAME = 1.0 - 1e-5
 """Speed of a reading over that of one before: no speed is held to the digit."""
 
@@ -31,16 +32,19 @@ def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | N
     None where nothing was proposed, with a mistake in the case, or where the rotor does not come to rest there.
     """
     proposal = found.next_measurement
-    if proposal is None or case.mistake is not None or found.slip is not None:
+    limits = case.stated.limits
+    if proposal is None or limits is None or case.mistake is not None or found.slip is not None:
         return None
     rng = np.random.default_rng([815, case.seed])
-    runs = [*case.plan.runs, *([NOTHING_INSTALLED] if _all_installed(case) else [])]
-    low, high = LOWEST * case.plan.speeds.min(), case.plan.speeds.max()
+    runs = [*case.plan.runs, ONE_TRIAL_WEIGHT, *([NOTHING_INSTALLED] if _all_installed(case) else [])]
+    low, high = limits.speeds
+    chosen = {
+        "proposed": (_run(case, proposal), NOT_THE_SAME * RPM * np.array(proposal.speeds_rpm)),
+        "random": (str(rng.choice(runs)), rng.uniform(low, high, len(proposal.speeds_rpm))),
+    }
     readings = {
-        "proposed": _readings(proposal),
-        "random": Readings(
-            str(rng.choice(runs)), rng.uniform(low, high, len(proposal.speeds_rpm)), proposal.new_probes
-        ),
+        words: Readings(run, at, proposal.new_probes, limits.trial_weight if run == ONE_TRIAL_WEIGHT else 0.0)
+        for words, (run, at) in chosen.items()
     }
     try:
         open_after = {words: _open_after(case, taken, rng) for words, taken in readings.items()}
@@ -51,9 +55,10 @@ def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | N
     return {"separates": [sorted(found.effects), sorted({*found.effects} - gone | instead)], **told, **open_after}
 
 
-def _readings(proposal: Proposal) -> Readings:
-    run = NOTHING_INSTALLED if proposal.run == BARE else proposal.run
-    return Readings(run, NOT_THE_SAME * RPM * np.array(proposal.speeds_rpm), proposal.new_probes)
+def _run(case: Case, proposal: Proposal) -> str:
+    if proposal.run in case.plan.runs:
+        return proposal.run
+    return NOTHING_INSTALLED if proposal.run == BARE else ONE_TRIAL_WEIGHT
 
 
 def _all_installed(case: Case) -> bool:

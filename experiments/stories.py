@@ -10,97 +10,113 @@ the noise.
 import argparse
 import dataclasses
 import json
+import sys
 import time
 import tomllib
+from collections.abc import Iterator
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
 import jax
 
-from rotorjax import Explanation, explain, read_measurement, read_rig
-from rotorjax.cli.progress import progress_line
-from rotorjax.data.rig import Rig
+from rotorjax import explain, read_measurement, read_rig
+from rotorjax.batch.case import Case
+from rotorjax.batch.pool import Processes, processors
 from rotorjax.reporting.explanation import explanation_text, notes, sentence
 from rotorjax.reporting.explanation_json import explanation_json
 from rotorjax.reporting.pictures import headline_figure
 from rotorjax.reporting.tables import Table, number
 
 MICROMETRE = 1e-6
+HIDDEN = ("case_1", "case_2", "case_3", "case_4", "case_5", "case_6")
+IN_FULL = "case_5"
+TRUTH = Path(__file__).parent / "hidden_truth.toml"
 
 
 @dataclasses.dataclass(frozen=True)
-class Config:
-    """What is run."""
+class Task:
+    """One measurement to be explained."""
 
-    max_effects: int = 3
-    hidden: tuple[str, ...] = ("case_1", "case_2", "case_3", "case_4", "case_5", "case_6")
-    in_full: str = "case_5"
+    name: str
+    """Of what is written."""
+    title: str
+    folder: tuple[str, ...]
+    """Below the package's data."""
+    output: Path
+    rig: str = "rig.toml"
+    picture: Path | None = None
 
 
-def solve(folder: Path, output: Path, name: str, title: str, rig_name: str = "rig.toml") -> tuple[Explanation, Rig]:
-    """Explain one measurement; write report, JSON and the explained model, in the conventions of the rig file."""
-    rig = read_rig(folder / rig_name)
-    with progress_line() as progress:
-        measurement = read_measurement(folder / "measurement.csv", rig)
-        found = explain(
-            rig.model, measurement, max_effects=Config().max_effects, progress=lambda line: progress(f"{name}: {line}")
-        )
-    found.report(output / f"{name}.html", rig, title=title)
-    (output / f"{name}.json").write_text(
+def solve(task: Task) -> dict[str, Any]:
+    """Explain one measurement; write report, JSON and the explained model, in the conventions of the rig file.
+
+    **Returns** what is printed of it.
+    """
+    jax.config.update("jax_enable_x64", True)
+    with as_file(files("rotorjax") / "data") as data:
+        folder = data.joinpath(*task.folder)
+        rig = read_rig(folder / task.rig)
+        found = explain(rig.model, read_measurement(folder / "measurement.csv", rig))
+    found.report(task.output / f"{task.name}.html", rig, title=task.title)
+    (task.output / f"{task.name}.json").write_text(
         json.dumps(explanation_json(found, rig), indent=2, allow_nan=False) + "\n", encoding="utf-8"
     )
-    rig.write(output / f"{name}_explained.toml", found.model)
-    return found, rig
+    rig.write(task.output / f"{task.name}_explained.toml", found.model)
+    if task.picture:
+        headline_figure(found.story).savefig(task.picture, dpi=110)
+    views = found.story
+    ties = "; ".join(" or ".join(" + ".join(names) for names in group) for group in found.ties.groups())
+    row = [
+        ", ".join(found.effects) or "nothing", ", ".join(s.effect for s in found.detected_but_small), ties,
+        found.verdict, number(views.declared.rms / MICROMETRE), number(views.last.rms / MICROMETRE),
+        number(views.noise_um()),
+    ]  # fmt: skip
+    return {"text": explanation_text(found, rig), "sentence": sentence(found), "notes": notes(found), "row": row}
 
 
-def real(data: Path, output: Path) -> Explanation:
-    print("1. REAL MEASUREMENTS: RK4 rotor kit, plane 2 (M. Nouioua, KFUPM; doi 10.5281/zenodo.23152815)\n", flush=True)
-    found, rig = solve(data / "rk4", output, "rk4", "RK4 rotor kit, plane 2: what a Jeffcott model lacks")
-    print(explanation_text(found, rig), end="\n\n\n")
-    return found
+def tasks(output: Path, picture: Path | None) -> list[Task]:
+    """All measurements, those that take longest first."""
+    rk4 = Task("rk4", "RK4 rotor kit, plane 2: what a Jeffcott model lacks", ("rk4",), output, picture=picture)
+    title = "The paper's vectors, {}".format
+    paper = Task("paper", title("sensor noise of 1 µm alone"), ("paper",), output)
+    scatter = Task("paper_scatter", title("a few per cent of scatter allowed"), ("paper",), output, "rig_scatter.toml")
+    hidden = [Task(f"hidden_{name}", f"Hidden effects, {name}", ("hidden", name), output) for name in HIDDEN]
+    return [rk4, paper, scatter, *hidden]
 
 
-def hidden(data: Path, output: Path) -> None:
-    print(
-        "2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n", flush=True
-    )
-    solved = {
-        name: solve(data / "hidden" / name, output, f"hidden_{name}", f"Hidden effects, {name}")
-        for name in Config().hidden
-    }
-    print(explanation_text(*solved[Config().in_full]), end="\n\n")
-    with (Path(__file__).parent / "hidden_truth.toml").open("rb") as file:
+def solved(asked: list[Task]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What is printed of every measurement, in the order in which they end, with a line for each."""
+    begin = time.perf_counter()
+    outcomes = Processes(processors()).outcomes(solve, [Case(task.name, task) for task in asked])
+    for done, outcome in enumerate(outcomes, 1):
+        if outcome.row is None:
+            sys.exit(f"{outcome.name}: {outcome.failure}")
+        elapsed = time.perf_counter() - begin
+        print(f"{outcome.name}: {done} of {len(asked)} measurements, {elapsed:.0f} s", file=sys.stderr, flush=True)
+        yield outcome.name, json.loads(outcome.row)
+
+
+def real(told: dict[str, Any]) -> None:
+    print("1. REAL MEASUREMENTS: RK4 rotor kit, plane 2 (M. Nouioua, KFUPM; doi 10.5281/zenodo.23152815)\n")
+    print(told["text"], end="\n\n\n")
+
+
+def hidden(told: dict[str, dict[str, Any]]) -> None:
+    print("2. HIDDEN EFFECTS: number, effects, sizes and rigs drawn by seed, integrated in time, with noise\n")
+    print(told[IN_FULL]["text"], end="\n\n")
+    with TRUTH.open("rb") as file:
         truth = tomllib.load(file)
-    rows = []
-    for name, (answer, _) in solved.items():
-        views = answer.story
-        ties = "; ".join(" or ".join(" + ".join(names) for names in group) for group in answer.ties.groups())
-        rows.append(
-            [
-                name, ", ".join(truth[name]) or "nothing", ", ".join(answer.effects) or "nothing",
-                ", ".join(s.effect for s in answer.detected_but_small),
-                ties, answer.verdict, number(views.declared.rms / MICROMETRE), number(views.last.rms / MICROMETRE),
-                number(views.noise_um()),
-            ]
-        )  # fmt: skip
+    rows = [[name, ", ".join(truth[name]) or "nothing", *told[name]["row"]] for name in HIDDEN]
     heads = ["case", "hidden", "found", "too small to matter", "ties", "verdict", "before µm", "after µm", "noise µm"]
     print(Table("All cases, with the truth that the tool did not read", heads, rows).text(), end="\n\n\n")
 
 
-def paper(data: Path, output: Path) -> None:
-    print(
-        "3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (rebuilt, not "
-        "measured)\n",
-        flush=True,
-    )
-    for rig_name, noise in (
-        ("rig.toml", "sensor noise of 1 µm alone"),
-        ("rig_scatter.toml", "a few per cent of scatter allowed"),
-    ):
-        name = "paper" if rig_name == "rig.toml" else "paper_scatter"
-        found, _ = solve(data / "paper", output, name, f"The paper's vectors, {noise}", rig_name)
-        print(f"With {noise}: {sentence(found)}\n")
-        print("\n".join(f"- {line}" for line in notes(found)), end="\n\n")
+def paper(alone: dict[str, Any], scatter: dict[str, Any]) -> None:
+    print("3. THE PAPER'S OWN DATA: vectors rebuilt from tables 4 and 5 of Sensors 2026, 26, 2565 (not measured)\n")
+    for words, told in (("sensor noise of 1 µm alone", alone), ("a few per cent of scatter allowed", scatter)):
+        print(f"With {words}: {told['sentence']}\n")
+        print("\n".join(f"- {line}" for line in told["notes"]), end="\n\n")
 
 
 def main() -> None:
@@ -108,24 +124,21 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("output"))
     parser.add_argument("--picture", type=Path, help="write the picture of the measured vectors, docs/rk4.png, too")
     arguments = parser.parse_args()
-    jax.config.update("jax_enable_x64", True)
     begin = time.perf_counter()
+    asked = tasks(arguments.output, arguments.picture)
     print(
-        "Every measurement is explained, with a report for each: two to five minutes on two cores, a third of it the "
-        "measured vectors.\n",
+        f"{len(asked)} measurements are explained, as many at one time as there are processors, with a report for "
+        "each: two to three minutes on two cores.\n",
         flush=True,
     )
     arguments.output.mkdir(parents=True, exist_ok=True)
-    with as_file(files("rotorjax") / "data") as data:
-        rk4 = real(data, arguments.output)
-        hidden(data, arguments.output)
-        paper(data, arguments.output)
-    if arguments.picture:
-        headline_figure(rk4.story).savefig(arguments.picture, dpi=110)
-    seconds = time.perf_counter() - begin
+    told = dict(solved(asked))
+    real(told["rk4"])
+    hidden({name: told[f"hidden_{name}"] for name in HIDDEN})
+    paper(told["paper"], told["paper_scatter"])
     print(
-        f"\nDone in {seconds:.0f} s. Open {arguments.output / 'rk4.html'} and its neighbours in a browser; the .json "
-        "files hold the numbers."
+        f"\nDone in {time.perf_counter() - begin:.0f} s. Open {arguments.output / 'rk4.html'} and its neighbours in a "
+        "browser; the .json files hold the numbers."
     )
 
 

@@ -11,7 +11,7 @@ from detailed.in_time import Condition, NoSteadyStateError, waveforms
 from detailed.mistakes import Mistake, mistakes
 from detailed.relatives import left_by_relative
 from detailed.rotor import DISK, A, Rotor
-from detailed.stated import Plan, Stated, deviation, fitted, misfit
+from detailed.stated import Limits, Plan, Stated, deviation, fitted, misfit
 
 KINDS = (
     "one", "two", "outside", "one", "none", "one", "two", "mistake", "one", "outside",
@@ -29,6 +29,8 @@ HOLDS = 0.03
 """Change with half the steps, in standard errors, that is none."""
 SIZES = (1e-3, 8.0)
 MOST_SEARCHED = 7
+ALLOWED = (0.3, 1.8)
+"""Speeds that the rig file permits, over the natural frequency; 0.5 to 1.5 are measured."""
 NEAR = 1.15
 """Factor within which an improvement is the one that was drawn."""
 
@@ -45,13 +47,15 @@ class Present:
 
 @dataclasses.dataclass(frozen=True)
 class Readings:
-    """Further readings in one run: one with nothing installed if it has another name than those there are."""
+    """Further readings in one run, which may be another one than those there are."""
 
     run: str
     speeds: np.ndarray
     """[rad/s]."""
     new_probes: tuple[str, ...] = ()
     """Probes without a reading so far."""
+    weight: float = 0.0
+    """Installed in the first plane at 0° in another run [kg m]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +100,7 @@ class Case:
         """
         plan, weights = self.plan, dict(self.bench.weights)
         names = plan.runs if further.run in plan.runs else (*plan.runs, further.run)
-        weights.setdefault(further.run, ((0j, next(iter(self.stated.planes))),))
+        weights.setdefault(further.run, ((complex(further.weight), next(iter(self.stated.planes))),))
         run = np.full(len(further.speeds), names.index(further.run))
         bench = dataclasses.replace(self.bench, plan=Plan(further.speeds, run, names, plan.orders), weights=weights)
         z = _noisy(bench.settled(self.plant), self.sigma, plan.orders, rng)
@@ -246,7 +250,9 @@ def _bench(rng: np.random.Generator, names: list[str], other: str | None, poorer
         mass, k, (0.02, 0.02), "-y" if weighed else "none", weights, planes, {"X": 0.0, "Y": 0.5 * np.pi}, {}
     )
     bench = _Bench(rotor, first, plan, weights)
-    bench.stated = fitted(first, plan, bench.vectors(Plant(rotor)))
+    measured = fitted(first, plan, bench.vectors(Plant(rotor)))
+    allowed = (ALLOWED[0] * frequency, ALLOWED[1] * frequency)
+    bench.stated = dataclasses.replace(measured, limits=Limits(allowed, usual))
     bench.healthy = bench.stated.values()
     bench.rotor = dataclasses.replace(rotor, reference_speed=bench.stated.frequency)
     return bench

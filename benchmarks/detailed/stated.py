@@ -33,6 +33,22 @@ class Plan:
 
 
 @dataclasses.dataclass(frozen=True)
+class Limits:
+    """What a further measurement may be."""
+
+    speeds: tuple[float, float]
+    """[rad/s]."""
+    trial_weight: float
+    """[kg m]."""
+
+    def toml(self) -> list[str]:
+        """The lines of them in a rig file."""
+        low, high = (speed * 30.0 / np.pi for speed in self.speeds)
+        weight = self.trial_weight / GRAM_MILLIMETRE
+        return ["[limits]", f"speed_rpm = [{low:.7g}, {high:.7g}]", f"trial_weight_g_mm = {weight:.4g}"]
+
+
+@dataclasses.dataclass(frozen=True)
 class Stated:
     """Contents of a rig file."""
 
@@ -50,6 +66,7 @@ class Stated:
     uncertain: Mapping[str, float]
     """``stiffness``, ``damping_ratio`` or ``mass`` -> relative standard deviation."""
     tolerance: float = 0.0
+    limits: "Limits | None" = None
     convention: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
@@ -100,6 +117,8 @@ class Stated:
         lines += ["", "[model]", f"tolerance = {self.tolerance:.4g}"]
         if self.uncertain:
             lines += ["", "[uncertainty]", *(f"{name} = {value:.4g}" for name, value in self.uncertain.items())]
+        if self.limits:
+            lines += ["", *self.limits.toml()]
         for run, weights in self.installed.items():
             each = [
                 f"{{ magnitude_g_mm = {abs(u) / GRAM_MILLIMETRE:.9g}, angle_deg = {np.degrees(np.angle(u)):.9g}"

@@ -76,11 +76,12 @@ def test_further_readings_are_of_the_same_rotor(tmp_path, rng):
     gap = grown.vectors[-2:] - case.vectors[-2:]
     assert np.max(np.abs(gap)) < 8.0 * case.sigma
     assert np.min(np.abs(gap[..., case.plan.orders.index(1)])) > 0.0
-    bare = case.with_readings(Readings("bare", np.array([case.plan.speeds[0]])), rng)
-    write([bare], tmp_path / "cases")
-    measurement = read_measurement(tmp_path / "cases/000005.csv", read_rig(tmp_path / "cases/000005.toml"))
-    assert measurement.runs[-1] == "bare"
-    assert not np.any(np.asarray(measurement.conditions.unbalance)[-1])
+    for run, weight in (("bare", 0.0), ("trial", 2e-5)):
+        another = case.with_readings(Readings(run, np.array([case.plan.speeds[0]]), weight=weight), rng)
+        write([another], tmp_path / "cases")
+        measurement = read_measurement(tmp_path / "cases/000005.csv", read_rig(tmp_path / "cases/000005.toml"))
+        assert measurement.runs[-1] == run
+        assert np.allclose(np.asarray(measurement.conditions.unbalance)[-1], [[weight, 0.0]], rtol=1e-6, atol=1e-15)
 
 
 def test_a_mistake_is_one_that_the_answers_know(tmp_path):
