@@ -126,7 +126,14 @@ AS_IF = 1.5
 
 
 def as_if_lines(found: Explanation) -> list[str]:
-    """A gain of the chain that a wrong convention or unit would look like."""
+    """A gain of the chain that a wrong convention or unit would look like, and the reverse."""
+    changes = amplitude_changes(found.contest.measurement.knowledge.amplitude)
+    if found.slip is not None:
+        return [
+            f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too."
+            for change in changes
+            if (change.kind, change.about) == (found.slip.kind, found.slip.about)
+        ]
     if "chain_gain" not in found.effects:
         return []
     fitted = found.story.fits[-1]
@@ -134,7 +141,7 @@ def as_if_lines(found: Explanation) -> list[str]:
     gain = [1.0 + parts[0].value, parts[1].value]
     near = (
         one
-        for one in amplitude_changes(found.contest.measurement.knowledge.amplitude)
+        for one in changes
         if all(
             abs(value - there) <= AS_IF * fitted.quantile * part.standard_error
             for value, there, part in zip(gain, (one.factor, 0.0), parts, strict=True)

@@ -158,6 +158,14 @@ def test_a_gain_that_a_convention_would_explain_is_said_to_be_one(stated, kind, 
     assert not as_if_lines(explain(model, m, only=["chain_gain", "residual_unbalance"], thorough=False))
 
 
+def test_a_convention_that_a_gain_would_stand_for_is_said_to_be_one():
+    model, m = measured(factor=0.5**0.5)
+    m = dataclasses.replace(m, knowledge=dataclasses.replace(m.knowledge, amplitude="peak"))
+    found = explain(model, m, only=["residual_unbalance", "amplitude_rms"], thorough=False)
+    assert found.named == ("amplitude_rms",)
+    assert as_if_lines(found) == ["A gain of all probes of 0.707 would do the same: check scale factors too."]
+
+
 def test_what_hardly_helps_is_not_the_answer():
     """Phases that lag where leads are stated: the best effect does next to nothing, and what is stated may be wrong."""
     model, m = measured(effects.ResidualUnbalance(5e-6, 5e-6))

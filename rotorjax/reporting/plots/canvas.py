@@ -8,7 +8,7 @@ from jaxtyping import Complex, Float
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from rotorjax.data.names import harmless
 
@@ -49,9 +49,13 @@ def logarithmic(axes: Axes) -> None:
     """A logarithmic axis of amplitudes with numbers as people write them, more of them where it spans little."""
     axes.set_yscale("log")
     low, high = axes.get_ylim()
-    written = FuncFormatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_major_formatter(written)
-    axes.yaxis.set_minor_formatter(written if high < 10.0 * low else NullFormatter())
+    if high < 4.0 * low:
+        axes.yaxis.set_major_locator(MaxNLocator(6))
+        axes.yaxis.set_minor_locator(NullLocator())
+    elif high < 100.0 * low:
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def with_room(values: np.ndarray) -> tuple[float, float]:
