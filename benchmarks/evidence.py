@@ -45,8 +45,10 @@ TIGHT = 1e-2
 """Standard errors by which the reading of a motion may be off balance."""
 NEVER = -1e100
 """Log likelihood where no steady motion is found."""
-CLOSE, LEAST_DRAWS, MOST_DRAWS, TOGETHER = 0.05, 1000, 40_000, 250
-"""Importance sampling: standard error at which it ends, points at least and at most, and so many at one time."""
+CLOSE, LEAST_DRAWS, MOST_DRAWS, MOST_TIMED, TOGETHER = 0.05, 1000, 40_000, 4000, 250
+"""Importance sampling: standard error at which it ends, points at least and at most, with motions at most, and so many
+at one time.
+"""
 WIDER, TAILS = 2.0, scipy.stats.t(3)
 """What is sampled from: so many standard errors of the optimum, and its tails."""
 ABOUT = """*Laplace*: log evidence as `explain` ranks by. *Importance*: the integral by importance sampling, with its
@@ -173,8 +175,8 @@ def by_importance(integrand: Integrand, rng: np.random.Generator) -> Integral:
     count = len(integrand.free)
     if count == 0:
         return Integral(float(integrand(np.zeros((1, 0)))[0]), 0.0)
-    logs, error = np.zeros(0), math.inf
-    while len(logs) < LEAST_DRAWS or (error > CLOSE and len(logs) < MOST_DRAWS):
+    logs, error, most = np.zeros(0), math.inf, MOST_DRAWS if integrand.best.motions is None else MOST_TIMED
+    while len(logs) < LEAST_DRAWS or (error > CLOSE and len(logs) < most):
         logs = np.append(logs, integrand(TAILS.rvs((TOGETHER, count), random_state=rng)))
         weight = np.exp(logs - logs.max())
         error = float(np.std(weight) / np.mean(weight) / math.sqrt(len(logs)))

@@ -12,7 +12,7 @@ from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
-from rotorjax.discovery.contest import NONE_ODDS, Contest, check_catalog, make_contest, misfit_left
+from rotorjax.discovery.contest import Contest, check_catalog, make_contest, misfit_left
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
@@ -25,10 +25,9 @@ from rotorjax.discovery.search import (
     Telling,
     change_by,
     noise_size,
-    none_left,
-    ranking,
     retold,
     select,
+    showing,
 )
 from rotorjax.discovery.slips import Alternative, race_of_slips
 from rotorjax.discovery.slips import Race as SlipRace
@@ -176,7 +175,7 @@ def _answer(
     with contest.budget.ahead(FOR_THE_STEPS):
         story = _story(selection, model, stated, held, undriven, written.best.slip)
     fits = story.fits
-    p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(contest, ties, noise)
+    p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(selection, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
     last = fits[-1]
     if selection.small and not selection.effects:
@@ -193,7 +192,7 @@ def _answer(
         effects=selection.effects,
         written=written,
         story=story,
-        rankings=tuple(tuple(ranking(contest, step, min(step.contenders, key=len))) for step in selection.races),
+        rankings=tuple(tuple(showing(contest, step, min(step.contenders, key=len))) for step in selection.races),
         ties=ties,
         detected_but_small=_small(contest, selection),
         next_measurement=proposal,
@@ -234,12 +233,16 @@ def _more_than_noise(selection: Selection, last: Fit, stages: "_Stages") -> PVal
     return p_value(contest, best if selection.small and not selection.effects else led)
 
 
-def _proposal(contest: Contest, ties: Ties, noise: Noise) -> Proposal | None:
-    """Readings that would settle the nearest tie that readings would settle, or else those that tell most."""
+def _proposal(selection: Selection, ties: Ties, noise: Noise) -> Proposal | None:
+    """Readings that would settle the nearest tie that readings would settle, or else those that tell most; where
+    nothing ties, whether what may be missing beside the answer is.
+    """
     best: Proposal | None = None
-    for other in ties.tied[:MOST_SEPARATED]:
-        names = other.instead_of, other.effects
-        found = next_measurement(contest, noise, ties.winner.best, other.contender.best, names)
+    open_now = [((other.instead_of, other.effects), other.contender) for other in ties.tied]
+    if not open_now:
+        open_now = [(((), (r.effect,)), r.contender) for r in selection.more if r.contender.balanced]
+    for names, contender in open_now[:MOST_SEPARATED]:
+        found = next_measurement(selection.contest, noise, ties.winner.best, contender.best, names)
         if found is None or (best is not None and best.standardised_difference >= found.standardised_difference):
             continue
         best = found
@@ -326,8 +329,7 @@ def _verdict(
         structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
     if structure:
         return "unexplained"
-    further = ranking(contest, selection.races[-1], selection.present)
-    if ties.tied or not confirmed or last.objections(selection.effects) or none_left(further) < NONE_ODDS:
+    if ties.tied or not confirmed or last.objections(selection.effects) or selection.more:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
 

@@ -9,10 +9,10 @@ import numpy as np
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.declarations import Slip
 from rotorjax.discovery.bootstrap import PValue
-from rotorjax.discovery.contest import NONE_ODDS, Contest
+from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
-from rotorjax.discovery.search import DETECTED, Ranked, none_left
+from rotorjax.discovery.search import Ranked, may_be_missing
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties
@@ -112,14 +112,10 @@ class Explanation(Reported):
 
     @property
     def more(self) -> tuple[Ranked, ...]:
-        """What may be missing beside the answer, where the data have made it more probable than it was that something
-        is: the most probable first; else nothing.
+        """What may be missing beside the answer, where that is not improbable; as in
+        `rotorjax.discovery.search.may_be_missing`.
         """
-        last = self.rankings[-1]
-        if none_left(last) >= NONE_ODDS:
-            return ()
-        first, *others = (r for r in last if r.effect != "none")
-        return (first, *(r for r in others if r.probability >= DETECTED))
+        return tuple(may_be_missing(self.rankings[-1]))
 
     @property
     def restricted(self) -> bool:

@@ -123,6 +123,16 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
     return distinct[:MOST_STARTS]
 
 
+def log_likelihood(contest: Contest, noise: Noise) -> Callable[[float], float]:
+    """Its logarithm as a function of the cost: where the noise is a misfit of unknown size, marginalised over that."""
+    numbers = contest.independent_numbers if noise.allowance > contest.floor.allowance else None
+
+    def log_of(cost: float) -> float:
+        return -cost if numbers is None else -0.5 * numbers * math.log(max(2.0 * cost / numbers, 1e-300))
+
+    return log_of
+
+
 def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noise) -> Contender:
     """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else
     none.
@@ -132,11 +142,7 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
     See `rotorjax.inference.evidence`. Where the noise is a misfit of unknown size it is marginalised (Jeffreys prior):
     (n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
-    numbers = contest.independent_numbers if noise.allowance > contest.floor.allowance else None
-
-    def log_of(cost: float) -> float:
-        return -cost if numbers is None else -0.5 * numbers * math.log(max(2.0 * cost / numbers, 1e-300))
-
+    log_of = log_likelihood(contest, noise)
     distinct = distinct_of(ends)
     if not distinct:
         return Contender(effects, (best_of(ends),), -math.inf, noise)

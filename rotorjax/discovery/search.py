@@ -2,14 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left, with_floor
-from rotorjax.discovery.race import WORTH_TRYING, Race, settle
+from rotorjax.discovery.race import WORTH_TRYING, Race, log_likelihood, settle
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -18,6 +18,12 @@ DETECTED = 0.05
 """Probability of "none" below which an effect counts as detected."""
 PRICE = math.log((1.0 - DETECTED) / DETECTED)
 """The same in log odds."""
+COMPLETE = 0.75
+"""Probability that nothing more is missing below which an answer is undecided."""
+SHOWS = 0.5
+"""Fall of the cost, of the data and of values declared uncertain, from which on an effect counts beside "none": what the
+data do not show may be there or not.
+"""
 PAIRED = 8
 """Best effects of a race of which all pairs are tried."""
 WIDE = 0.1
@@ -82,6 +88,11 @@ class Selection(NamedTuple):
         return self.small if self.effects else ()
 
     @property
+    def more(self) -> list["Ranked"]:
+        """What may be missing beside all that was detected, as in `may_be_missing`."""
+        return may_be_missing(showing(self.contest, self.races[-1], self.present))
+
+    @property
     def present(self) -> Effects:
         """All that was detected."""
         return frozenset(self.effects) | frozenset(self.small)
@@ -89,7 +100,24 @@ class Selection(NamedTuple):
 
 def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
     """Probabilities of what may be added to a set, "none" among them, the most probable first."""
-    contenders = [c for effects, c in race.contenders.items() if effects >= base and len(effects) <= len(base) + 1]
+    return _ranked(contest, base, _one_more(race, base))
+
+
+def showing(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
+    """The same without what fits no better than "none": a stop that the rotor does not reach, say. "None" stands for
+    that too.
+    """
+    log_of = log_likelihood(contest, race.noise)
+    least = log_of(race.contenders[base].best.cost) + SHOWS
+    seen = [c for c in _one_more(race, base) if c.effects == base or log_of(c.best.cost) >= least]
+    return _ranked(contest, base, seen)
+
+
+def _one_more(race: Race, base: Effects) -> list[Contender]:
+    return [c for effects, c in race.contenders.items() if effects >= base and len(effects) <= len(base) + 1]
+
+
+def _ranked(contest: Contest, base: Effects, contenders: list[Contender]) -> list[Ranked]:
     logs = np.array([c.log_evidence + contest.log_odds(c.effects - base) for c in contenders])
     finite = np.where(np.isfinite(logs), logs, -1e300)
     weights = np.exp(finite - finite.max())
@@ -104,6 +132,14 @@ def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
 def none_left(ranked: Iterable[Ranked]) -> float:
     """Probability that nothing is to be added."""
     return next(r.probability for r in ranked if r.effect == "none")
+
+
+def may_be_missing(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """What may be missing, the most probable first, where "none" has a probability below `COMPLETE`; else nothing."""
+    if none_left(ranked) >= COMPLETE:
+        return []
+    first, *others = (r for r in ranked if r.effect != "none")
+    return [first, *(r for r in others if r.probability >= DETECTED)]
 
 
 def select(
@@ -125,7 +161,7 @@ def select(
         progress(f"what is missing beside {', '.join(sorted(present)) or 'the model as declared'}")
         race = seen[present | small] = forward(contest, present | small, table, noise)
         table.update(race.contenders)
-        leader = ranking(contest, race, present | small)
+        leader = showing(contest, race, present | small)
         none = none_left(leader)
         # Where several share what "none" lacks, the best of them must be detected by itself.
         alone = max((r.probability for r in leader if r.effect != "none"), default=0.0)

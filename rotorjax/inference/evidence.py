@@ -56,7 +56,7 @@ def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> fl
         return own
     optimum, total = _Optimum.of(end, together(np.asarray(space.open_size)[end.free])), own
     for group, widths in left_open(end, space):
-        logs = [optimum.under(group, width, log_of) for width in widths]
+        logs = optimum.under(group, np.stack(widths), log_of)
         total += float(np.logaddexp.reduce(logs)) - np.log(len(logs)) - own
     return total
 
@@ -138,19 +138,21 @@ class _Optimum(NamedTuple):
     def under(
         self,
         group: Int[np.ndarray, "part"],
-        width: Float[np.ndarray, "part part"],
+        widths: Float[np.ndarray, "prior part part"],
         log_of: Callable[[float], float],
-    ) -> float:
-        """Log evidence under another prior of some unknowns. **Arguments:** ``width``: T."""
-        to_declared = np.eye(len(self.here))
-        to_declared[np.ix_(group, group)] = np.linalg.inv(width)
-        weight = prior_at(to_declared @ self.here, self.parts).weight
-        curvature = self.data + to_declared.T @ (weight[:, None] * to_declared)
-        there = np.linalg.solve(curvature, self.pull)
+    ) -> list[float]:
+        """Log evidence under each of other priors of some unknowns. **Arguments:** ``widths``: T of each."""
+        to_declared = np.tile(np.eye(len(self.here)), (len(widths), 1, 1))
+        to_declared[:, group[:, None], group] = np.linalg.inv(widths)
+        weights = np.stack([prior_at(one, self.parts).weight for one in to_declared @ self.here])
+        curvature = self.data + np.swapaxes(to_declared, 1, 2) @ (weights[..., None] * to_declared)
+        there = np.linalg.solve(curvature, self.pull[:, None])[..., 0]
         step = there - self.here
-        fit = self.data_cost + float(self.data_gradient @ step) + 0.5 * float(step @ self.data @ step)
-        cost = fit + prior_at(to_declared @ there, self.parts).cost
-        return log_of(cost) - 0.5 * float(np.linalg.slogdet(curvature)[1]) - float(np.linalg.slogdet(width)[1])
+        fit = self.data_cost + step @ self.data_gradient + 0.5 * np.sum(step @ self.data * step, axis=1)
+        declared = (to_declared @ there[..., None])[..., 0]
+        cost = fit + np.array([prior_at(one, self.parts).cost for one in declared])
+        volume = -0.5 * np.linalg.slogdet(curvature)[1] - np.linalg.slogdet(widths)[1]
+        return [log_of(float(one)) + float(log) for one, log in zip(cost, volume, strict=True)]
 
 
 def factors(

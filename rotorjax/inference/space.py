@@ -113,12 +113,19 @@ class Space(eqx.Module):
         """`at` for known numbers, outside compiled code; without forces depending on motion, and a sweep, that are at
         their null.
         """
-        leaves, structure = jax.tree.flatten(self.model.effects)
-        parts = np.split(self.values(unknowns), np.cumsum([leaf.size for leaf in leaves])[:-1]) if leaves else []
-        effects = [as_array(part.reshape(leaf.shape)) for part, leaf in zip(parts, leaves, strict=True)]
-        full = eqx.tree_at(lambda m: m.effects, self.model, jax.tree.unflatten(structure, effects))
-        costly = [e for e in full.effects if isinstance(e, RestoringEffect | WaveformEffect | SweepEffect)]
-        return full.without(*(e.name for e in costly if not any(np.any(np.asarray(v)) for v in e.values())))
+        values, first = self.values(unknowns), 0
+        kept: list[Effect] = []
+        numbers: list[np.ndarray] = []
+        for effect in self.model.effects:
+            leaves = jax.tree.leaves(effect)
+            parts = np.split(values[first:], np.cumsum([leaf.size for leaf in leaves]))[: len(leaves)]
+            first += sum(part.size for part in parts)
+            costly = isinstance(effect, RestoringEffect | WaveformEffect | SweepEffect)
+            if not costly or any(part.any() for part in parts):
+                kept.append(effect)
+                numbers += [part.reshape(leaf.shape) for part, leaf in zip(parts, leaves, strict=True)]
+        effects = jax.tree.unflatten(jax.tree.structure(tuple(kept)), jax.device_put(numbers))
+        return dataclasses.replace(self.model, effects=effects)
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""

@@ -85,7 +85,8 @@ def _undecided(found: Explanation) -> str:
     fails = [] if found.confirmed else ["on data held out the error does not fall"]
     limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
     likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
-    more = [f"something more is probable, such as {likely}"] if found.more else []
+    beside = percent(1.0 - none_left(found.rankings[-1]), 0)
+    more = [f"something more may be missing ({beside}), such as {likely}"] if found.more else []
     slip = [] if found.slip is None else [plain_name(found.slip.name)]
     named = [*slip, *([_with_open_sizes(found)] if found.effects else [])]
     what = listed(named) if named else "nothing that stands out so far"

@@ -89,7 +89,7 @@ def notes(found: Explanation) -> list[str]:
 
 
 def next_lines(found: Explanation) -> list[str]:
-    """What to measure next, where something ties."""
+    """What to measure next, where something is open."""
     if found.next_measurement is not None:
         n = found.next_measurement
         one, other = (said(names) for names in n.separates)
@@ -101,7 +101,8 @@ def next_lines(found: Explanation) -> list[str]:
             f"{number(n.standardised_difference, 2)} standard errors{doubt}."
         ]
     if not found.ties.tied:
-        return []
+        first = found.more[:1] if found.verdict == "undecided" else ()
+        return [f"A few more readings would not show whether {plain_name(r.effect)} is missing." for r in first]
     names, advice = _open_names(found), ""
     if (
         found.story.model.slow_roll is not None

@@ -26,6 +26,7 @@ from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.discovery.race import contender_of
+from rotorjax.discovery.search import SHOWS
 from rotorjax.effects import CATALOG
 from rotorjax.inference import kernels
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
@@ -111,6 +112,17 @@ def accused(seeds: range) -> int:
 def test_healthy_rotors_get_no_effect():
     """8 measurements without any effect."""
     assert accused(range(8)) == 0
+
+
+def test_what_the_data_do_not_show_has_no_probability_of_its_own():
+    """A stop that the rotor does not reach is as probable as none at all; all others fit better than that."""
+    model, measurement, _ = hidden.sufficient(effects.MassError, seed=0, hidden=False)
+    found = explain(model, measurement, only=["clearance", "mass_error", "probe_gain"], thorough=False)
+    last = found.rankings[-1]
+    none = next(r for r in last if r.effect == "none")
+    assert "clearance" not in {r.effect for r in last}
+    assert all(r.contender.best.cost <= none.contender.best.cost - SHOWS for r in last if r is not none)
+    assert none.probability > 0.9
 
 
 @pytest.mark.campaign
