@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left, with_floor
-from rotorjax.discovery.race import WORTH_TRYING, Race, log_likelihood, settle
+from rotorjax.discovery.race import WORTH_TRYING, Race, contender_of, log_likelihood, settle
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -21,8 +21,8 @@ PRICE = math.log((1.0 - DETECTED) / DETECTED)
 COMPLETE = 0.75
 """Probability that nothing more is missing below which an answer is undecided."""
 SHOWS = 0.5
-"""Fall of the cost, of the data and of values declared uncertain, from which on an effect counts beside "none": what the
-data do not show may be there or not.
+"""Fall of the cost, of the data and of values declared uncertain, from which on an optimum counts beside "none": what
+the data do not show may be there or not.
 """
 PAIRED = 8
 """Best effects of a race of which all pairs are tried."""
@@ -104,13 +104,19 @@ def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
 
 
 def showing(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
-    """The same without what fits no better than "none": a stop that the rotor does not reach, say. "None" stands for
-    that too.
+    """The same without the optima that fit no better than "none": a stop that the rotor does not reach, say. "None"
+    stands for these too.
     """
     log_of = log_likelihood(contest, race.noise)
     least = log_of(race.contenders[base].best.cost) + SHOWS
-    seen = [c for c in _one_more(race, base) if c.effects == base or log_of(c.best.cost) >= least]
-    return _ranked(contest, base, seen)
+    shown = []
+    for c in _one_more(race, base):
+        ends = [end for end in c.ends if c.effects == base or log_of(end.cost) >= least]
+        if len(ends) == len(c.ends):
+            shown.append(c)
+        elif ends:
+            shown.append(contender_of(contest, c.effects, ends, c.noise)._replace(foreseen=c.foreseen))
+    return _ranked(contest, base, shown)
 
 
 def _one_more(race: Race, base: Effects) -> list[Contender]:
