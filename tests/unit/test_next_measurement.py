@@ -1,8 +1,12 @@
 """Readings chosen one by one: what they tell together, and when there are enough of them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, response
+from rotorjax.data.measurement import Limits
 from rotorjax.discovery.next_measurement import (
     MOST_READINGS,
     SETTLES,
@@ -10,6 +14,8 @@ from rotorjax.discovery.next_measurement import (
     chosen_readings,
     form_errors,
 )
+from rotorjax.reporting.answer import sentence
+from rotorjax.reporting.explanation import next_lines
 
 
 def differences(rng: np.random.Generator, size: float) -> Differences:
@@ -58,3 +64,24 @@ def test_relative_errors_of_the_models_form_move_vectors_as_a_matrix_does(rng):
     moved = np.einsum("pqn,cqn->cpn", epsilon, z)
     expected = np.stack([moved.real, moved.imag], axis=-1).reshape(5, -1)
     assert np.allclose(form_errors(z) @ unit.ravel(), expected)
+
+
+def test_what_may_be_missing_is_looked_for():
+    """An unbalance of some three standard errors, below the resonance: above it shows more."""
+    model = Model(Jeffcott(0.9, [5e4, 4.5e4], [0.02, 0.02]))
+    unbalance = np.repeat([[[0.0, 0.0]], [[2e-5, 1e-5]]], 5, axis=0)
+    conditions = Conditions.at_rpm(np.tile(np.linspace(600.0, 1500.0, 5), 2), unbalance=unbalance)
+    z = np.asarray(response(model + effects.ResidualUnbalance(1.6e-6, 0.0), conditions))
+    noise = np.random.default_rng(0)
+    z = z + 1e-6 * (noise.standard_normal(z.shape) + 1j * noise.standard_normal(z.shape))
+    m = Measurement.from_arrays(z, conditions, run=np.repeat([0, 1], 5), runs=("first", "second"), sigma=1e-6)
+    knowledge = dataclasses.replace(m.knowledge, limits=Limits(speed_rpm=(600.0, 6000.0)))
+    m = dataclasses.replace(m, knowledge=knowledge)
+    found = explain(model, m, only=["residual_unbalance"], thorough=False)
+    assert (found.verdict, found.effects) == ("undecided", ())
+    assert "something more may be missing (33 %), such as residual unbalance (33 %)" in sentence(found)
+    proposal = found.next_measurement
+    assert proposal.separates == ((), ("residual_unbalance",))
+    assert proposal.speed_rpm > 2400.0
+    (line,) = next_lines(found)
+    assert "at these together residual unbalance would show by 2.8 standard errors" in line
