@@ -97,8 +97,8 @@ class Row(NamedTuple):
 
 
 class Integrand:
-    """Likelihood times prior of one hypothesis over its free unknowns, and what it is sampled from: the unit cube
-    stretched to a density like the optimum's, only wider and with long tails.
+    """Likelihood times prior of one hypothesis over its free unknowns, and what it is sampled from: a density
+    like that of the optimum, only wider and with long tails.
 
     The integral is that of likelihood times prior over that density, which then takes the place of the prior (Chen,
     Feroz, Hobson 2019, Stat. Comput. 29:835-850): no narrow peak has to be found in a wide prior.
@@ -114,7 +114,6 @@ class Integrand:
             (group, [(np.linalg.inv(width), np.linalg.slogdet(width)[1]) for width in widths])
             for group, widths in left_open(contender.best, contest.space)
         ]
-        self.motions = self.best.motions
         self.centre = self.best.point[self.free]
         self.root = WIDER * np.linalg.cholesky(np.linalg.inv(self.best.curvature))
 

@@ -66,7 +66,7 @@ class Stated:
     uncertain: Mapping[str, float]
     """``stiffness``, ``damping_ratio`` or ``mass`` -> relative standard deviation."""
     tolerance: float = 0.0
-    limits: "Limits | None" = None
+    limits: Limits | None = None
     convention: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
