@@ -2,12 +2,12 @@
 
 A declared prior scale says how strong an effect may well be; that most are weaker by decades is as likely. The
 evidence is the mean over prior scales s_k = 3^k times the declared one, for the strength of every effect by itself:
-from where it could just be seen up to three times the declared scale, or 2000 times that for a force that depends on
-motion and a probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for
-the scale that somebody chose. An effect that often has a simpler form (`Effect.forms`: errors of the stiffness that are
-the same along x and y, one probe off and not the other, an eccentric probe track) is averaged over these too, each as
-likely as that all its parameters are independent: those that a form does not have then lower the evidence by no more
-than the logarithm of the number of forms.
+from where it could just be seen up to the declared scale, or 2000 times that for a force that depends on motion and a
+probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for the scale that
+somebody chose. An effect that often has a simpler form (`Effect.forms`: errors of the stiffness that are the same along
+x and y, one probe off and not the other, an eccentric probe track) is averaged over these too, each as likely as that
+all its parameters are independent: those that a form does not have then lower the evidence by no more than the
+logarithm of the number of forms.
 
 Each of these priors is that of unknowns T_k w, with w as declared. To first order about the optimum at the declared
 scales, where the curvature of the data is A, that of the prior W and both together H = A + W, the optimum u moves to v
@@ -35,7 +35,7 @@ from rotorjax.model.model import Model
 
 STEP = 3.0
 """From one prior scale to the next."""
-LARGEST, LARGEST_OPEN = 1, 7
+LARGEST, LARGEST_OPEN = 0, 7
 """Largest power of it: in general, and of a size that is left open (`rotorjax.inference.prior`)."""
 SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
@@ -161,7 +161,7 @@ def factors(
     group: Int[np.ndarray, "part"],
     largest: int,
 ) -> Float[np.ndarray, "scale"]:
-    """Factors of the declared prior scale of some unknowns: from where they could be seen on, and all from 1 on.
+    """Factors of the declared prior scale of some unknowns: from where they could be seen on, one of them always.
 
     **Arguments:** ``data``: curvature of the data, ``weight`` of the prior, by all unknowns; ``largest`` power of the
     step.

@@ -111,7 +111,7 @@ class Descent:
         limit = self._limit()
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
-        fallen = taken and not first and fall <= limit and self.damping < 1e-2
+        fallen = taken and not first and fall <= limit and self.damping < 1e-4
         stuck = self.stalled >= self.manner.most_stalled
         balanced = self.freedom == 0.0 and self._off() < BALANCED
         if self.steps >= self.manner.most_steps:
