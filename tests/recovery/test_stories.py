@@ -1,5 +1,6 @@
 """The three stories of the main job, number by number."""
 
+import re
 import tomllib
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -124,6 +125,11 @@ def test_the_paper_with_scatter_allowed():
     assert "cannot tell residual bow from chain gain" in sentence(found)
 
 
+def rounded(text: str) -> str:
+    """Without the last digits of numbers, which differ from one processor to another."""
+    return re.sub(r"\d+\.\d{12,}", lambda number: f"{float(number[0]):.12g}", text)
+
+
 def test_the_hidden_cases_are_those_that_were_drawn(tmp_path, monkeypatch):
     """Drawn anew by seed and integrated anew, the tables and the truth are the ones that are shipped."""
     monkeypatch.setattr("sys.argv", ["make_hidden", str(tmp_path), str(tmp_path / "truth.toml")])
@@ -131,7 +137,8 @@ def test_the_hidden_cases_are_those_that_were_drawn(tmp_path, monkeypatch):
     assert tomllib.loads((tmp_path / "truth.toml").read_text(encoding="utf-8")) == TRUTH
     with as_file(files("rotorjax") / "data" / "hidden") as shipped:
         for case in TRUTH:
-            assert (tmp_path / case / "rig.toml").read_text() == (shipped / case / "rig.toml").read_text()
+            drawn, kept = ((folder / case / "rig.toml").read_text() for folder in (tmp_path, shipped))
+            assert rounded(drawn) == rounded(kept)
             columns = [
                 np.genfromtxt(folder / case / "measurement.csv", delimiter=",", skip_header=1, usecols=(1, 4, 5))
                 for folder in (tmp_path, shipped)
