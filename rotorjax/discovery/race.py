@@ -223,12 +223,18 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     where to begin.
     """
     wanted = list(dict.fromkeys(hypotheses))
+    exact: Known = {}
     if contest.measurement.sigma is not None and contest.floor == NO_NOISE:
-        exact = _exact(contest, wanted, known)
-        if exact:
-            return Race(contest.floor, exact, _leader(contest, exact, wanted))
+        # Where nothing can hold, this leads nowhere and would go on for long.
+        with contest.budget.share(EXACT_SHARE):
+            exact = race(contest, contest.floor, wanted, known)
+        if _leader_holds(contest, exact, wanted):
+            # What was cut off, as the share was spent, goes on.
+            exact = race(contest, contest.floor, wanted, {**known, **exact})
+            if _leader_holds(contest, exact, wanted):
+                return Race(contest.floor, exact, _leader(contest, exact, wanted))
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    found = {**known, **race(contest, noise, wanted, known)}
+    found = {**known, **race(contest, noise, wanted, known, also=exact)}
     for _ in range(MOST_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
@@ -243,21 +249,6 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
         noise = quiet
     contenders = {effects: found[effects] for effects in wanted}
     return Race(noise, contenders, _leader(contest, contenders, wanted))
-
-
-def _exact(contest: Contest, wanted: list[Effects], known: Known) -> Known:
-    """All under the noise that is known, if one of those that cost little or nothing holds within it: else nothing."""
-    floor, found = contest.floor, dict[Effects, Contender]()
-    quick = [e for e in wanted if not e & contest.timed or (e in known and known[e].fitted_under(floor))]
-    for sets in (quick, wanted):
-        # Where nothing can hold, this leads nowhere and would go on for long.
-        with contest.budget.share(EXACT_SHARE):
-            found = race(contest, floor, sets, {**known, **found})
-        if not sets or not _leader_holds(contest, found, sets):
-            return {}
-    # What was cut off, as the share was spent, goes on.
-    found = race(contest, floor, wanted, {**known, **found})
-    return found if _leader_holds(contest, found, wanted) else {}
 
 
 def _near(found: Known, wanted: list[Effects]) -> list[Effects]:

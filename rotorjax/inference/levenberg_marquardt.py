@@ -1,10 +1,8 @@
 """One descent by Levenberg-Marquardt: a trial is linearised, taken or left, and the next one is proposed.
 
-(Levenberg 1944, Q. Appl. Math. 2:164-168; Marquardt 1963, J. Soc. Ind. Appl. Math. 11:431-441.) After a trial that is
-taken the damping is multiplied by 1 - (2 ρ - 1)³, a tenth at least, with ρ the fall of the cost over what was promised;
-each further one that is not raises it by two, four, eight (Nielsen 1999, Damping parameter in Marquardt's method, IMM,
-DTU): along a curved valley a damping that falls with every success is too small every other time. Where forces depend
-on motion no motion may change by more than a share of itself in one step, and its freedom of balance ends step by step.
+The damping falls by ten with each trial that is taken and grows by four with each that is not (Levenberg 1944, Q. Appl.
+Math. 2:164-168; Marquardt 1963, J. Soc. Ind. Appl. Math. 11:431-441). Where forces depend on motion no motion may
+change by more than a share of itself in one step, and its freedom of balance ends step by step.
 """
 
 import dataclasses
@@ -38,7 +36,7 @@ class Descent:
     def __post_init__(self) -> None:
         self.timed = self.trial.motions is not None
         self.freedom = 0.0 if self.known or not self.timed else self.manner.first_freedom * self._reach()
-        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, self.manner.largest_step
+        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
         self.here: Linearised | None = None
@@ -102,16 +100,16 @@ class Descent:
             self.result, self.done = NOT_FINITE, True
             return
         if taken and not first:
-            self._confident((before - self.cost) / self.promised if self.promised > 0.0 else 1.0)
+            self.damping, self.cap = max(0.1 * self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
         elif not taken:
-            self.damping, self.growth, self.cap = self.growth * self.damping, 2.0 * self.growth, 0.5 * self.cap
+            self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
         if taken:
             self._firmer()
         self.decrement = self._propose()
         limit = self._limit()
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
-        fallen = taken and not first and fall <= limit and self.damping < 1e-4
+        fallen = taken and not first and fall <= limit and self.damping < 1e-2
         stuck = self.stalled >= self.manner.most_stalled
         balanced = self.freedom == 0.0 and self._off() < BALANCED
         if self.steps >= self.manner.most_steps:
@@ -138,14 +136,6 @@ class Descent:
         if self.timed and there.point.refined and self.settled and (self.best is None or cost < self.best[-1]):
             self.best = there, normal, prior, cost
         return True
-
-    def _confident(self, kept: float) -> None:
-        """The damping after a trial that was taken. **Arguments:** ``kept``: the share of the promised fall of the cost
-        that came.
-        """
-        self.damping *= max(1.0 - (2.0 * min(max(kept, 0.0), 1.0) - 1.0) ** 3, 0.1)
-        self.damping, self.growth = max(self.damping, 1e-12), 2.0
-        self.cap = min(2.0 * self.cap, self.manner.largest_step)
 
     def _slack(self) -> float:
         """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
@@ -184,7 +174,7 @@ class Descent:
         end.
         """
         assert self.here is not None
-        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, self.manner.largest_step
+        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
         if self.freedom > 0.0:
             self._firmer()
             self.decrement = self._propose()
