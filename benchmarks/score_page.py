@@ -39,7 +39,7 @@ def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> s
     draw_confusion(rows, folder / "confusion.png")
     draw_reliability(rows, folder / "reliability.png")
     draw_decades(rows, folder / "decades.png")
-    summary = f"{_rates(rows)}\n\n{_numbers(rows)}"
+    summary = f"{rates_table(rows)}\n\n{_numbers(rows)}"
     listed = "\n".join(f"- {key}: {value}" for key, value in about.items())
     oracle = (
         "*Oracle*: the answer, or the truth, fitted from its true values, where that is more probable in the same race "
@@ -81,7 +81,8 @@ def _table(rows: Sequence[Sequence[Any]], heads: Sequence[str]) -> str:
     return tabulate.tabulate(rows, heads, tablefmt="pipe", disable_numparse=True)
 
 
-def _rates(rows: Sequence[Row]) -> str:
+def rates_table(rows: Sequence[Row]) -> str:
+    """All rates in Markdown, with intervals, goals and the oracle."""
     lines = [[r.name, *_share(r), r.goal, "" if r.oracle is None else f"{r.oracle} of {r.total}"] for r in rates(rows)]
     return _table(lines, ["", "share", "cases", "95 % interval", "goal", "oracle"])
 
