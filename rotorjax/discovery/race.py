@@ -94,14 +94,16 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
         ends = known[effects].ends
         again = [Start(end.point) for end in ends] if afresh and effects & contest.timed else []
         return [Start.at(end) for end in ends] + again
-    near = [
-        (len(effects ^ other), -contender.log_evidence, other)
-        for other, contender in known.items()
-        if len(effects ^ other) <= 2
-    ]
+    near = sorted(
+        (contender for other, contender in known.items() if len(effects ^ other) <= 2),
+        key=lambda parent: (len(effects ^ parent.effects), -parent.log_evidence),
+    )
+    # From one farther, or far behind, nothing is found that is not found from the first.
     parents = [
-        known[other]
-        for _, _, other in sorted(near, key=lambda item: item[:2])[: 1 if effects & contest.timed else MOST_PARENTS]
+        parent
+        for parent in near[: 1 if effects & contest.timed else MOST_PARENTS]
+        if len(effects ^ parent.effects) == len(effects ^ near[0].effects)
+        and not parent.log_evidence < near[0].log_evidence - HOPELESS
     ]
     starts: list[Start] = []
     for parent in parents:

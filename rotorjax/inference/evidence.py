@@ -144,13 +144,13 @@ class _Optimum(NamedTuple):
         """Log evidence under each of other priors of some unknowns. **Arguments:** ``widths``: T of each."""
         to_declared = np.tile(np.eye(len(self.here)), (len(widths), 1, 1))
         to_declared[:, group[:, None], group] = np.linalg.inv(widths)
-        weights = np.stack([prior_at(one, self.parts).weight for one in to_declared @ self.here])
+        weights = prior_at(to_declared @ self.here, self.parts).weight
         curvature = self.data + np.swapaxes(to_declared, 1, 2) @ (weights[..., None] * to_declared)
         there = np.linalg.solve(curvature, self.pull[:, None])[..., 0]
         step = there - self.here
         fit = self.data_cost + step @ self.data_gradient + 0.5 * np.sum(step @ self.data * step, axis=1)
         declared = (to_declared @ there[..., None])[..., 0]
-        cost = fit + np.array([prior_at(one, self.parts).cost for one in declared])
+        cost = fit + prior_at(declared, self.parts).cost
         volume = -0.5 * np.linalg.slogdet(curvature)[1] - np.linalg.slogdet(widths)[1]
         return [log_of(float(one)) + float(log) for one, log in zip(cost, volume, strict=True)]
 

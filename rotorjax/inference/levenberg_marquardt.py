@@ -1,8 +1,10 @@
 """One descent by Levenberg-Marquardt: a trial is linearised, taken or left, and the next one is proposed.
 
-The damping falls by ten with each trial that is taken and grows by four with each that is not (Levenberg 1944, Q. Appl.
-Math. 2:164-168; Marquardt 1963, J. Soc. Ind. Appl. Math. 11:431-441). Where forces depend on motion no motion may
-change by more than a share of itself in one step, and its freedom of balance ends step by step.
+(Levenberg 1944, Q. Appl. Math. 2:164-168; Marquardt 1963, J. Soc. Ind. Appl. Math. 11:431-441.) After a trial that is
+taken the damping is multiplied by 1 - (2 ρ - 1)³, a tenth at least, with ρ the fall of the cost over what was promised;
+each further one that is not raises it by two, four, eight (Nielsen 1999, Damping parameter in Marquardt's method, IMM,
+DTU): along a curved valley a damping that falls with every success is too small every other time. Where forces depend
+on motion no motion may change by more than a share of itself in one step, and its freedom of balance ends step by step.
 """
 
 import dataclasses
@@ -36,7 +38,7 @@ class Descent:
     def __post_init__(self) -> None:
         self.timed = self.trial.motions is not None
         self.freedom = 0.0 if self.known or not self.timed else self.manner.first_freedom * self._reach()
-        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, self.manner.largest_step
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
         self.here: Linearised | None = None
@@ -45,6 +47,7 @@ class Descent:
         self.best: tuple[Linearised, Normal, Prior, float] | None = None
         self.since = self.stalled = 0
         self.promised = self.decrement = self.foreseen = 0.0
+        self.hessian, self.full = np.eye(len(self.task.free)), np.zeros(len(self.task.free))
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
@@ -66,24 +69,28 @@ class Descent:
 
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
-        much, as a rule.
+        much, as a rule. A step must have been seen: from where a descent begins too little may be promised.
         """
-        return self.settled and self.patient and self.foreseen > cost
+        return self.settled and self.since > 1 and self.foreseen > cost
 
     def give_up(self, hopeless: bool) -> None:
         """End it where it stands."""
         self.done = self.done or hopeless
 
     def joins(self, other: "Descent") -> bool:
-        """Whether it comes to where another is."""
-        if other.normal is None or not other.settled:
+        """Whether it comes to where another does: both are there, given their steps, or where no motion was to be found
+        both would step to one optimum without damping.
+        """
+        if self.here is None or other.here is None or not (self.settled and other.settled):
             return False
-        gap = (
-            (self.here.point.unknowns - other.here.point.unknowns)[self.task.free]
-            if self.here and other.here
-            else np.ones(1)
-        )
-        return bool(gap @ (other.normal.hessian + np.diag(other.prior.weight)) @ gap < 1.0)
+        apart = self.here.point.unknowns - other.here.point.unknowns
+        if self.patient and self._same_place(other, apart[self.task.free]):
+            return True
+        return not self.timed and self._same_place(other, apart[self.task.free] + self.full - other.full)
+
+    def _same_place(self, other: "Descent", gap: Float[np.ndarray, "free"]) -> bool:
+        """Whether that far apart is the same to a standard error, as either tells it."""
+        return all(bool(gap @ one.hessian @ gap < 1.0) for one in (self, other))
 
     def _off(self) -> float:
         """Standard errors by which what is read is off balance, at most."""
@@ -100,16 +107,16 @@ class Descent:
             self.result, self.done = NOT_FINITE, True
             return
         if taken and not first:
-            self.damping, self.cap = max(0.1 * self.damping, 1e-12), min(2.0 * self.cap, self.manner.largest_step)
+            self._confident((before - self.cost) / self.promised if self.promised > 0.0 else 1.0)
         elif not taken:
-            self.damping, self.cap = 4.0 * self.damping, 0.5 * self.cap
+            self.damping, self.growth, self.cap = self.growth * self.damping, 2.0 * self.growth, 0.5 * self.cap
         if taken:
             self._firmer()
         self.decrement = self._propose()
         limit = self._limit()
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
-        fallen = taken and not first and fall <= limit and self.damping < 1e-2
+        fallen = taken and not first and fall <= limit and self.damping < 1e-4
         stuck = self.stalled >= self.manner.most_stalled
         balanced = self.freedom == 0.0 and self._off() < BALANCED
         if self.steps >= self.manner.most_steps:
@@ -136,6 +143,14 @@ class Descent:
         if self.timed and there.point.refined and self.settled and (self.best is None or cost < self.best[-1]):
             self.best = there, normal, prior, cost
         return True
+
+    def _confident(self, kept: float) -> None:
+        """The damping after a trial that was taken. **Arguments:** ``kept``: the share of the promised fall of the cost
+        that came.
+        """
+        self.damping *= max(1.0 - (2.0 * min(max(kept, 0.0), 1.0) - 1.0) ** 3, 0.1)
+        self.damping, self.growth = max(self.damping, 1e-12), 2.0
+        self.cap = min(2.0 * self.cap, self.manner.largest_step)
 
     def _slack(self) -> float:
         """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
@@ -174,7 +189,7 @@ class Descent:
         end.
         """
         assert self.here is not None
-        self.damping, self.cap = FIRST_DAMPING, self.manner.largest_step
+        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, self.manner.largest_step
         if self.freedom > 0.0:
             self._firmer()
             self.decrement = self._propose()
@@ -190,13 +205,14 @@ class Descent:
         free, point = self.task.free, self.here.point
         unknowns, step = point.unknowns.copy(), np.zeros(len(free))
         gradient = self.normal.gradient + self.prior.weight * unknowns[free]
-        hessian = self.normal.hessian + np.diag(self.prior.weight)
+        hessian = self.hessian = self.normal.hessian + np.diag(self.prior.weight)
+        self.full = step
         decrement, self.foreseen = 0.0, self.normal.cost
         if len(free):
             scale = 1.0 / np.sqrt(np.diag(hessian))
             scaled = hessian * scale[:, None] * scale[None]
             downhill = scale * gradient
-            full = -scale * np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill)
+            full = self.full = -scale * np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill)
             decrement = -0.5 * float(gradient @ full)
             self.foreseen = float(
                 self.normal.cost + self.normal.gradient @ full + 0.5 * full @ self.normal.hessian @ full

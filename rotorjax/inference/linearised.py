@@ -185,7 +185,7 @@ class Linearisation:
     def __init__(self, space: Space, data: Data, budget: Budget) -> None:
         self.space, self.data, self.budget = space, data, budget
         self.kernels = kernels_of(space)
-        model = space.model
+        self._timed, model = space.timed(), space.model
         self.states = States.of(data, None if model.slow_roll is None else float(model.slow_roll))
         order = np.concatenate([[0.0], np.repeat(self.kernels.grid.order_array[1:], 2)])
         stiffness, mass = float(np.mean(np.asarray(model.rotor.stiffness))), float(model.rotor.mass)
@@ -359,7 +359,7 @@ class Linearisation:
 
     def timed(self, unknowns: Float[np.ndarray, "param"], free: Bool[np.ndarray, "param"]) -> bool:
         """Whether orders depend on one another."""
-        return bool(np.any(self.space.timed() & (free | (unknowns != 0.0))))
+        return bool(np.any(self._timed & (free | (unknowns != 0.0))))
 
 
 def _replaced(old: np.ndarray, cases: np.ndarray, new: np.ndarray) -> np.ndarray:

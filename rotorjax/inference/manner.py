@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rotorjax.arrays import AnyArray
 
-FIRST_DAMPING = 1e-2
+FIRST_DAMPING = 1e-3
 """Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
 CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF = 0, 1, 2, 3
 RESULT_TEXT = {

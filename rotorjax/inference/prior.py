@@ -2,7 +2,7 @@
 saturation.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,11 +12,11 @@ USUAL = 3.0
 
 
 class Prior(NamedTuple):
-    """The prior at one point."""
+    """The prior at one point, or at each of several."""
 
-    cost: float
-    """Minus the logarithm of its density, in that of the normal distribution at its peak."""
-    weight: Float[np.ndarray, "free"]
+    cost: Any
+    """Minus the logarithm of its density, in that of the normal distribution at its peak: a number, or one for each."""
+    weight: Float[np.ndarray, "*point free"]
     """Its gradient is the weight times the unknowns; one over the square root of the weight is how wide it is there."""
 
 
@@ -27,7 +27,7 @@ def together(open_size: Int[np.ndarray, "free"]) -> Float[np.ndarray, "free free
     return ((open_size[:, None] == open_size[None]) & (open_size >= 0)[:, None]).astype(float)
 
 
-def prior_at(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "free free"]) -> Prior:
+def prior_at(unknowns: Float[np.ndarray, "*point free"], parts: Float[np.ndarray, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 
     A standard normal for each; but the size r = |u| of a force that depends on motion, or of a probe's saturation, has
@@ -43,7 +43,8 @@ def prior_at(unknowns: Float[np.ndarray, "free"], parts: Float[np.ndarray, "free
     **Arguments:** ``unknowns``; ``parts``: as `together` makes them.
     """
     count = parts.sum(axis=1)
-    far = np.maximum(parts @ unknowns**2 / USUAL**2, 1.0)
+    far = np.maximum(unknowns**2 @ parts / USUAL**2, 1.0)
     tail = 0.5 * USUAL**2 * (1.0 + np.log(far)) / np.maximum(count, 1.0)
     each = np.where(far > 1.0, tail, 0.5 * unknowns**2)
-    return Prior(float(each.sum()), 1.0 / far)
+    cost = each.sum(axis=-1)
+    return Prior(cost if unknowns.ndim > 1 else float(cost), 1.0 / far)
