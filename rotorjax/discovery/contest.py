@@ -77,6 +77,8 @@ class Contest:
     budget: Budget
     floor: Noise = NO_NOISE
     """Noise beside the table's that is known to be there."""
+    linear_may_hold: bool = True
+    """Whether effects that do not depend on motion may hold within the table's noise: not if all at once do not."""
 
     @cached_property
     def timed(self) -> Effects:

@@ -227,11 +227,12 @@ def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise:
     wanted = list(dict.fromkeys(hypotheses))
     exact: Known = {}
     if contest.measurement.sigma is not None and contest.floor == NO_NOISE:
+        possible = wanted if contest.linear_may_hold else [effects for effects in wanted if effects & contest.timed]
         # Where nothing can hold, this leads nowhere and would go on for long.
         with contest.budget.share(EXACT_SHARE):
-            exact = race(contest, contest.floor, wanted, known)
-        if _leader_holds(contest, exact, wanted):
-            # What was cut off, as the share was spent, goes on.
+            exact = race(contest, contest.floor, possible, known)
+        if possible and _leader_holds(contest, exact, possible):
+            # The others, and what was cut off, as the share was spent.
             exact = race(contest, contest.floor, wanted, {**known, **exact})
             if _leader_holds(contest, exact, wanted):
                 return Race(contest.floor, exact, _leader(contest, exact, wanted))

@@ -2,7 +2,8 @@
 
 For each change all effects are fitted at once but those that cost many times as much: forces that depend on motion, and
 a sweep. No set of them can do better, so that what misses by more than the best answer known need not be searched; what
-may come near is searched as the original is.
+may come near is searched as the original is. Where they do not hold within the noise with what is stated, no set of them
+is tried under that noise before a force that depends on motion holds.
 """
 
 import dataclasses
@@ -20,7 +21,7 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import QUICK, Manner
-from rotorjax.inference.noise import NO_NOISE, Noise, is_large
+from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise, is_large
 from rotorjax.model.contract import SweepEffect
 
 MOST_SEARCHED = 3
@@ -140,6 +141,7 @@ def race_of_slips(
             stated, screened, ahead = _of_what_fails(stated, changes)
             if ahead and (race := _without_what_is_stated(stated, ahead, most, progress)):
                 return race
+        contest = dataclasses.replace(contest, linear_may_hold=_may_hold(stated))
     before = budget.spent
     own, unfinished = _as_stated(contest, most, progress, beside=any(_of_weight(one.change) for one in screened))
     doubtful = always or _misses(own) or _like_a_mistake(own)
@@ -375,6 +377,12 @@ def _holds(one: _Screened) -> bool:
     """Whether what the fit leaves, and the size of its values, are no more than noise and priors allow."""
     numbers = np.count_nonzero(one.change.contest.measurement.weights(0.0))
     return bool(2.0 * one.end.cost < numbers + FITS * math.sqrt(2.0 * numbers))
+
+
+def _may_hold(one: _Screened) -> bool:
+    """Whether some of the effects of a fit may hold within the noise by themselves."""
+    numbers = np.count_nonzero(one.change.contest.measurement.weights(0.0))
+    return bool(2.0 * one.end.data_cost < LARGEST_HEALTHY_CHI2 * numbers + FITS * math.sqrt(2.0 * numbers))
 
 
 def _alternative(slip: Slip | None, selection: Selection, odds: float = 0.0) -> Alternative:
