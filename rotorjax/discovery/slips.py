@@ -2,8 +2,8 @@
 
 For each change all effects are fitted at once but those that cost many times as much: forces that depend on motion, and
 a sweep. No set of them can do better, so that what misses by more than the best answer known need not be searched; what
-may come near is searched as the original is. Where they do not hold within the noise with what is stated, no set of them
-is tried under that noise before a force that depends on motion holds.
+may come near is searched as the original is. Where they do not hold within the noise with what is stated, no set of
+them is tried under that noise before a force that depends on motion holds.
 """
 
 import dataclasses
