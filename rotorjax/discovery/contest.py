@@ -85,6 +85,18 @@ class Contest:
         """Effects whose force depends on motion, so that orders are balanced together."""
         return frozenset(self.space.effects_of(self.space.timed()))
 
+    @cached_property
+    def containing(self) -> dict[str, Effects]:
+        """Of every effect whose force depends on motion those that it is with some of their parameters at zero: of a
+        clearance the rub.
+        """
+        labels = {name: {e.label for e in self.space.entries if e.effect == name} for name in self.timed}
+        return {one: frozenset(other for other in labels if labels[one] < labels[other]) for one in labels}
+
+    def is_special_case(self, one: Effects, other: Effects) -> bool:
+        """Whether one effect is another with some of its parameters at zero."""
+        return len(one) == len(other) == 1 and other <= self.containing.get(next(iter(one)), frozenset())
+
     def log_odds(self, effects: Iterable[str]) -> float:
         """Logarithm of the prior odds of a set against the empty one."""
         return math.fsum(math.log(self.odds[name]) for name in effects)

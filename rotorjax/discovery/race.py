@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left
 from rotorjax.inference.data import MOST_STARTS, Data, declared_starts
@@ -61,7 +62,39 @@ def race(
         level = [effects for effects in wanted if len(effects) == size]
         for effects, ends in _fitted(contest, data, level, {**known, **found}, further, afresh=afresh).items():
             found[effects] = contender_of(contest, effects, ends, noise)
+    special = _special_cases(contest, found, {**known, **found}, noise)
+    for effects, ends in _fitted(contest, data, list(special), special, {}, afresh=False).items():
+        found[effects] = contender_of(contest, effects, [*found[effects].ends, *ends], noise)
     return found
+
+
+def _special_cases(contest: Contest, sets: Iterable[Effects], known: Known, noise: Noise) -> Known:
+    """Where to begin with sets that others contain, a clearance in the place of a rub, if those are ahead: far from the
+    truth a further parameter may lead past a point from which fewer do not lead on.
+    """
+    found: Known = {}
+    for effects in sets:
+        for name in sorted(effects & contest.timed):
+            for general in sorted(contest.containing[name] - effects):
+                other = known.get(effects - {name} | {general})
+                if other is None or not other.fitted_under(noise):
+                    continue
+                if not known[effects].balanced or other.best.cost < known[effects].best.cost - CLEAR:
+                    end = other.best._replace(point=_as_special_case(contest, other.best.point, name, general))
+                    found[effects] = Contender(effects, (end,), -math.inf, noise)
+    return found
+
+
+def _as_special_case(
+    contest: Contest, point: Float[np.ndarray, "param"], name: str, general: str
+) -> Float[np.ndarray, "param"]:
+    """A point with an effect in the place of one that contains it: parameters of the same name have its values."""
+    there = {e.label: e for e in contest.space.entries if e.effect == general}
+    special = np.where(contest.only_of([general]), 0.0, point)
+    for own in contest.space.entries:
+        if own.effect == name:
+            special[own.unknown] = point[there[own.label].unknown] * there[own.label].scale / own.scale
+    return special
 
 
 def _fitted(
@@ -74,6 +107,8 @@ def _fitted(
     afresh: bool,
 ) -> dict[Effects, list[End]]:
     """Ends of all descents of each set. **Arguments:** ``further``: where to begin, too."""
+    if not wanted:
+        return {}
     starts, masks, owner = [], [], []
     for effects in wanted:
         mask = contest.free(effects)

@@ -39,10 +39,10 @@ FITS = 5.0
 """Standard deviations of chi-square up to which a fit of all linear effects holds within the noise."""
 
 
-PATIENT = QUICK._replace(patience=30)
-"""How all linear effects are fitted: begun far from the truth, as a rule."""
-BRIEF = PATIENT._replace(most_steps=15)
-"""The same for a few steps. Of 16 mistakes drawn none left more than what is stated after as many."""
+BRIEF = QUICK._replace(most_steps=15)
+"""How all linear effects are fitted at first. Of 16 mistakes drawn none left more than what is stated after as many
+steps.
+"""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
 
@@ -330,7 +330,7 @@ def _screened(
     own: Alternative | None = None,
     *,
     also: Collection[str] = (),
-    manner: Manner = PATIENT,
+    manner: Manner = QUICK,
     start: Float[np.ndarray, "param"] | None = None,
     hopeless: float = math.inf,
 ) -> _Screened:

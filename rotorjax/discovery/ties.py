@@ -94,8 +94,6 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         for gone in (*selection.effects, *selection.small)
     }
     _fit_where_open(contest, selection, noise, list(itertools.chain(*swaps.values())), found, winner)
-    special = _special_cases(contest, winner)
-    found.update(race(contest, noise, list(special), {**selection.known, **found}, also=special))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
@@ -110,7 +108,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         )
         larger = gap > 0.0 and other.best.determined.shape[1] > winner.best.determined.shape[1]
         better = winner.best.cost - other.best.cost
-        more = not gone or _is_special_case(contest, gone, instead)
+        more = not gone or contest.is_special_case(gone, instead)
         if (gap < TIE or other.effects in leads) and not (more and larger and abs(better) < AS_GOOD):
             tied.append(alternative)
         elif larger and better > -AS_GOOD and _takes_the_place(instead, gone, catalog):
@@ -119,14 +117,6 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     every, small = _simplest(tied), frozenset(selection.small)
     of_small = tuple(t for t in every if t.instead_of and small >= set(t.instead_of))
     return Ties(tuple(t for t in every if t not in of_small), of_small, tuple(contains), winner, found)
-
-
-def _is_special_case(contest: Contest, one: Effects, other: Effects) -> bool:
-    """Whether an effect is another with some of its parameters at zero, a clearance a rub without friction."""
-    if len(one) != 1 or len(other) != 1:
-        return False
-    labels = [{e.label for e in contest.space.entries if e.effect in effects} for effects in (one, other)]
-    return bool(one & contest.timed) and labels[0] < labels[1]
 
 
 def _takes_the_place(instead: Effects, gone: Effects, catalog: Mapping[str, type[Effect]]) -> bool:
@@ -177,28 +167,6 @@ def _within_tolerance(
     apart = _apart(contest, noise, winner.best, best.best)
     names = tuple(sorted(best.effects - answer))
     return [Alternative((), names, winner.log_evidence - best.log_evidence, best, apart)]
-
-
-def _special_cases(contest: Contest, winner: Contender) -> Known:
-    """The winner with effects in the place of those whose special cases they are, a clearance in that of a rub:
-    parameters of the same name have its values.
-    """
-    found: Known = {}
-    entries = {
-        effect: {e.label: e for e in contest.space.entries if e.effect == effect}
-        for effect in (*winner.effects, *contest.candidates)
-    }
-    for gone in sorted(winner.effects & contest.timed):
-        for name in contest.candidates:
-            if name in winner.effects or not entries[name].keys() < entries[gone].keys():
-                continue
-            point = np.where(contest.only_of([gone]), 0.0, winner.best.point)
-            for label, own in entries[name].items():
-                there = entries[gone][label]
-                point[own.unknown] = winner.best.point[there.unknown] * there.scale / own.scale
-            effects = winner.effects - {gone} | {name}
-            found[effects] = Contender(effects, (winner.best._replace(point=point),), -math.inf, winner.noise)
-    return found
 
 
 def _fit_where_open(

@@ -237,13 +237,13 @@ def _give_up(running: list[Descent], hopeless: float) -> None:
         own = [d for d in running if d.task.kind[1] == cases]
         most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
         for one in own:
-            one.give_up((one.patient and one.data_cost > most) or one.promises_no_less_than(most))
+            one.give_up(one.promises_no_less_than(most))
     for kind in {d.task.kind for d in running}:
         rivals = [d for d in running if d.task.kind == kind]
         if len(rivals) > 1:
             ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
-                one.give_up(one.patient and any(one.joins(other) for other in ranked[:place]))
+                one.give_up((one.under_way or not one.timed) and any(one.joins(other) for other in ranked[:place]))
 
 
 def _end_of(one: Descent) -> End:

@@ -63,33 +63,25 @@ class Descent:
         return self.here is not None and self.freedom == 0.0 and self._off() < BALANCED and math.isfinite(self.cost)
 
     @property
-    def patient(self) -> bool:
-        """Whether it was given its steps."""
-        return self.freedom == 0.0 and self.since >= self.manner.patience
+    def under_way(self) -> bool:
+        """Whether a step was seen whose motions balance: from where a descent begins too little may be promised."""
+        return self.settled and self.since > 1
 
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
-        much, as a rule. A step must have been seen: from where a descent begins too little may be promised.
+        much, as a rule.
         """
-        return self.settled and self.since > 1 and self.foreseen > cost
+        return self.under_way and self.foreseen > cost
 
     def give_up(self, hopeless: bool) -> None:
         """End it where it stands."""
         self.done = self.done or hopeless
 
     def joins(self, other: "Descent") -> bool:
-        """Whether it comes to where another does: both are there, given their steps, or where no motion was to be found
-        both would step to one optimum without damping.
-        """
+        """Whether both would step to one optimum without damping: to a standard error, as either tells it."""
         if self.here is None or other.here is None or not (self.settled and other.settled):
             return False
-        apart = self.here.point.unknowns - other.here.point.unknowns
-        if self.patient and self._same_place(other, apart[self.task.free]):
-            return True
-        return not self.timed and self._same_place(other, apart[self.task.free] + self.full - other.full)
-
-    def _same_place(self, other: "Descent", gap: Float[np.ndarray, "free"]) -> bool:
-        """Whether that far apart is the same to a standard error, as either tells it."""
+        gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] + self.full - other.full
         return all(bool(gap @ one.hessian @ gap < 1.0) for one in (self, other))
 
     def _off(self) -> float:

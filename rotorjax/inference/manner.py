@@ -43,8 +43,6 @@ class Manner(NamedTuple):
     """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
     largest_step: float = 1.0
     """Of the motion of a case, in its size."""
-    patience: int = 3
-    """Steps of motions without freedom after which a start may be given up for what is better."""
 
 
 THOROUGH, QUICK = Manner(FINE), Manner(COARSE)
