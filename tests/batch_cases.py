@@ -47,6 +47,12 @@ def endless(number: int) -> dict:
     return {"value": number}
 
 
+def announced(number: int) -> dict:
+    """A case that does not end, and leaves a file where it begins."""
+    Path(f"begun {number}").touch()
+    return endless(number)
+
+
 def first_or_endless(number: int) -> dict:
     """Only case 0 ends."""
     return endless(number) if number else {"value": number}
@@ -54,7 +60,8 @@ def first_or_endless(number: int) -> dict:
 
 def main() -> None:
     """A run of many cases that is meant to be killed: says the name of every case that it has kept."""
-    path, count, function = Path(sys.argv[1]), int(sys.argv[2]), {"slow": slow_square, "endless": endless}[sys.argv[3]]
+    path, count = Path(sys.argv[1]), int(sys.argv[2])
+    function = {"slow": slow_square, "announced": announced}[sys.argv[3]]
     cases = [Case(f"case {k}", k) for k in range(count)]
     with progress_line(kept="kept") as show, Store(path, CONFIGURATION, ("square",)) as store:
         run(function, cases, store, Processes(2), lambda progress: show(f"{progress.before} {progress.done}"))

@@ -125,7 +125,9 @@ def test_trouble_costs_the_case_that_has_it(tmp_path: Path):
 def started(folder: Path, count: int, function: str) -> subprocess.Popen:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [SCRIPT.parent, SCRIPT.parents[1]]))}
     command = [sys.executable, str(SCRIPT), str(folder / "rows.sqlite"), str(count), function]
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    return subprocess.Popen(
+        command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=folder
+    )
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.campaign)])
@@ -160,11 +162,12 @@ def test_killed_at_random_moments_loses_nothing_finished(tmp_path: Path, kills: 
 
 
 def test_ctrl_c_ends_all_at_once(tmp_path: Path):
-    process = started(tmp_path, 4, "endless")
-    deadline = time.monotonic() + 20.0
-    while len(workers := _children(process.pid)) < 3 and time.monotonic() < deadline:  # two, and Python's tracker
+    process = started(tmp_path, 4, "announced")
+    deadline = time.monotonic() + 120.0
+    # A worker that has not been told yet what it is says that nobody is there.
+    while len(list(tmp_path.glob("begun *"))) < 2 and time.monotonic() < deadline:
         time.sleep(0.01)
-    time.sleep(1.0)  # a worker that has not been told yet what it is says that nobody is there
+    workers = _children(process.pid)
     os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=20.0)[1]
     assert process.returncode == 130
