@@ -107,6 +107,11 @@ class _Screened(NamedTuple):
         return self._replace(change=self.change.without(effects))
 
     @property
+    def numbers(self) -> int:
+        """Of data that count."""
+        return int(np.count_nonzero(self.change.contest.measurement.weights(0.0)))
+
+    @property
     def cost(self) -> float:
         """Of the fit and of the prior odds, and what narrows down the values declared uncertain: minus the log evidence
         of any set of those effects is more, as each of them costs prior odds and narrows down its own.
@@ -375,13 +380,13 @@ def _differs(one: _Screened, other: _Screened) -> bool:
 
 def _holds(one: _Screened) -> bool:
     """Whether what the fit leaves, and the size of its values, are no more than noise and priors allow."""
-    numbers = np.count_nonzero(one.change.contest.measurement.weights(0.0))
+    numbers = one.numbers
     return bool(2.0 * one.end.cost < numbers + FITS * math.sqrt(2.0 * numbers))
 
 
 def _may_hold(one: _Screened) -> bool:
     """Whether some of the effects of a fit may hold within the noise by themselves."""
-    numbers = np.count_nonzero(one.change.contest.measurement.weights(0.0))
+    numbers = one.numbers
     return bool(2.0 * one.end.data_cost < LARGEST_HEALTHY_CHI2 * numbers + FITS * math.sqrt(2.0 * numbers))
 
 

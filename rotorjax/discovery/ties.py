@@ -94,6 +94,14 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         for gone in (*selection.effects, *selection.small)
     }
     _fit_where_open(contest, selection, noise, list(itertools.chain(*swaps.values())), found, winner)
+    # Begun where the winner ended, if it is ahead: not left at what the search foresaw.
+    special = [
+        effects
+        for gone, sets in swaps.items()
+        for effects in sets
+        if contest.is_special_case(effects - answer, frozenset({gone}))
+    ]
+    found.update(race(contest, noise, special, {**selection.known, **found}))
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]

@@ -243,7 +243,7 @@ def _give_up(running: list[Descent], hopeless: float) -> None:
         if len(rivals) > 1:
             ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
-                one.give_up((one.under_way or not one.timed) and any(one.joins(other) for other in ranked[:place]))
+                one.give_up(any(one.joins(other) for other in ranked[:place]))
 
 
 def _end_of(one: Descent) -> End:

@@ -78,8 +78,11 @@ class Descent:
         self.done = self.done or hopeless
 
     def joins(self, other: "Descent") -> bool:
-        """Whether both would step to one optimum without damping: to a standard error, as either tells it."""
-        if self.here is None or other.here is None or not (self.settled and other.settled):
+        """Whether both would step to one optimum without damping: to a standard error, as either tells it. Where there
+        are motions to be found, not before a step was seen.
+        """
+        ready = self.under_way if self.timed else self.settled
+        if self.here is None or other.here is None or not (ready and other.settled):
             return False
         gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] + self.full - other.full
         return all(bool(gap @ one.hessian @ gap < 1.0) for one in (self, other))
