@@ -40,7 +40,9 @@ class Round(NamedTuple):
     """Where the descents ended: to go on from."""
     misfit: float
     first_cost: float
-    """Cost of the best fit under the allowance that the rounds began with, if its motions balance."""
+    """Cost of the best fit under the allowance that the rounds began with, if that was a narrow one and its motions
+    balance.
+    """
 
     @property
     def settled(self) -> bool:
@@ -78,7 +80,7 @@ def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | N
     parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
     equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
-    What is behind other models by far ends there.
+    What is behind other models by far under a wide one ends there.
     **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what other models reached.
     """
     measurement, ahead = stage.measurement, ahead or Ahead()
@@ -86,13 +88,14 @@ def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | N
     most = max(measurement.rms, LEAST_NOISE)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     hopeless = ahead.hopeless_cost(measurement)
+    wide = _settle(stage, most, starts) if math.isfinite(ahead.minus_log_posterior) else None
+    if wide is not None and wide.minus_log_posterior > ahead.minus_log_posterior + HOPELESS:
+        return [wide._replace(first_cost=math.inf)]
     now = _settle(stage, floor, starts, hopeless)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
     if now.settled and now.misfit == 0.0:
         return [now]
-    wide = _settle(stage, most, starts)
-    if min(now.minus_log_posterior, wide.minus_log_posterior) > ahead.minus_log_posterior + HOPELESS:
-        return [now, wide]
+    wide = wide or _settle(stage, most, starts)
     return [now, wide, _settle(stage, floor, [Start.at(wide.best)], hopeless)]
 
 

@@ -19,9 +19,10 @@ from rotorjax.discovery.contest import Contest, Effects, misfit_left
 from rotorjax.discovery.race import score
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
-from rotorjax.inference.descent import End, descend, starts_at
-from rotorjax.inference.manner import QUICK, Manner
+from rotorjax.inference.descent import HOPELESS, End, descend, starts_at
+from rotorjax.inference.manner import CONVERGED, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise, is_large
+from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import SweepEffect
 
 MOST_SEARCHED = 3
@@ -39,10 +40,8 @@ FITS = 5.0
 """Standard deviations of chi-square up to which a fit of all linear effects holds within the noise."""
 
 
-BRIEF = QUICK._replace(most_steps=15)
-"""How all linear effects are fitted at first. Of 16 mistakes drawn none left more than what is stated after as many
-steps.
-"""
+BEGUN = QUICK._replace(most_steps=5)
+"""How changes begin: what they leave after some steps is the order in which they go on."""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
 
@@ -90,6 +89,11 @@ class _Change(NamedTuple):
     contest: Contest
     log_odds: float = 0.0
 
+    @property
+    def numbers(self) -> int:
+        """Of data that count."""
+        return int(np.count_nonzero(self.contest.measurement.weights(0.0)))
+
     def without(self, effects: Effects) -> "_Change":
         """The same with none of these effects beside it."""
         candidates = tuple(name for name in self.contest.candidates if name not in effects)
@@ -105,11 +109,6 @@ class _Screened(NamedTuple):
     def without(self, effects: Effects) -> "_Screened":
         """The same with none of these effects beside the change when that is searched."""
         return self._replace(change=self.change.without(effects))
-
-    @property
-    def numbers(self) -> int:
-        """Of data that count."""
-        return int(np.count_nonzero(self.change.contest.measurement.weights(0.0)))
 
     @property
     def cost(self) -> float:
@@ -138,9 +137,13 @@ def race_of_slips(
     changes = [_change(contest, slip, odds[slip.name]) for slip in promising(contest.space.model, measurement, every)]
     screened, stated, budget = [], None, contest.budget
     if measurement.sigma is not None:
-        stated = _screened(_Change(None, contest), NO_NOISE)
+        as_is = _Change(None, contest)
+        # What misses by more is fitted under a wide noise first.
+        enough = _most_held(as_is) / HALVED
+        stated = _screened(as_is, NO_NOISE, hopeless=enough)
         if not _holds(stated) and (sweeps := _sweeps(contest)):
-            stated = min(stated, _screened(_Change(None, contest), NO_NOISE, also=sweeps), key=lambda one: one.end.cost)
+            also = _screened(as_is, NO_NOISE, also=sweeps, hopeless=enough)
+            stated = min(stated, also, key=lambda one: one.end.cost)
         if not _holds(stated):
             progress("whether something was written down wrongly")
             stated, screened, ahead = _of_what_fails(stated, changes)
@@ -184,22 +187,23 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened
     ahead, the nearest first; none where what is stated holds after all.
 
     All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
-    stated under that noise stays so; after few steps already, where it leaves twice as much after as many.
+    stated under that noise stays so.
     """
     measurement = stated.change.contest.measurement
-    wide = Noise(WIDE * measurement.rms)
-    brief = _screened(stated.change, wide, manner=BRIEF)
-    level = _screened(stated.change, wide, start=brief.end.point)
-    stated = min(stated, _exactly(level), key=lambda one: one.end.cost)
+    level = _screened(stated.change, Noise(WIDE * measurement.rms))
+    enough = _most_held(stated.change) / HALVED
+    stated = min(stated, _exactly(level, hopeless=enough), key=lambda one: one.end.cost)
     if _holds(stated):
         return stated, [], []
-    begun = [_screened(change, wide, manner=BRIEF) for change in changes]
     # What linear effects do not feel, a weight for instance, leaves them as they are.
-    alike = [one._replace(end=stated.end) for one in begun if not _differs(one, brief)]
-    further = [one for one in begun if _differs(one, brief) and HALVED * one.end.cost < brief.end.cost]
-    possible = [_screened(one.change, wide, start=one.end.point) for one in further]
-    possible = sorted((one for one in possible if one.end.cost < level.end.cost + TIE), key=lambda one: one.cost)
-    screened = [_exactly(one) for one in possible]
+    felt = [change for change in changes if _feels(change, level)]
+    alike = [_Screened(change, stated.end) for change in changes if change not in felt]
+    possible = _not_behind(level, felt)
+    screened, enough = list[_Screened](), max(HALVED * stated.end.cost, enough)
+    for one in possible:
+        screened.append(_exactly(one, hopeless=enough))
+        if _holds(screened[-1]):
+            enough = min(enough, screened[-1].end.cost + HOPELESS)
     ahead = [
         exact
         for rough, exact in zip(possible, screened, strict=True)
@@ -209,9 +213,37 @@ def _of_what_fails(stated: _Screened, changes: list[_Change]) -> tuple[_Screened
     return stated, [*screened, *alike], ahead
 
 
-def _exactly(rough: _Screened) -> _Screened:
+def _not_behind(level: _Screened, changes: list[_Change]) -> list[_Screened]:
+    """Changes that leave no more than what is stated under the wide noise of its fit, the nearest first.
+
+    All are begun, and go on in the order of what they leave: not once they promise twice as much as what is stated
+    leaves, or far more than the best.
+    """
+    wide, most = Noise(WIDE * level.change.contest.measurement.rms), level.end.cost + TIE
+    enough = most / HALVED
+    begun = [_screened(change, wide, manner=BEGUN, hopeless=enough) for change in changes]
+    fitted = list[_Screened]()
+    for one in sorted(begun, key=lambda one: one.end.cost):
+        going_on = one.end.result != CONVERGED and one.end.steps == BEGUN.most_steps
+        fitted.append(_screened(one.change, wide, start=one.end.point, hopeless=enough) if going_on else one)
+        enough = min(enough, fitted[-1].end.cost + HOPELESS)
+    return sorted((one for one in fitted if one.end.cost < most), key=lambda one: one.cost)
+
+
+def _exactly(rough: _Screened, *, hopeless: float = math.inf) -> _Screened:
     """The fit under the noise of the table, begun where that under a wide one ended."""
-    return _screened(rough.change, NO_NOISE, start=rough.end.point)
+    return _screened(rough.change, NO_NOISE, start=rough.end.point, hopeless=hopeless)
+
+
+def _feels(change: _Change, level: _Screened) -> bool:
+    """Whether a change makes any difference to linear effects fitted to what is stated: to what was measured, or to
+    what they show.
+    """
+    contest, stated = change.contest, level.change.contest
+    if contest.measurement.vectors is not stated.measurement.vectors:
+        return True
+    shown = predict(contest.space, contest.measurement.conditions, level.end.point, budget=contest.budget).shown
+    return not np.allclose(shown, level.end.shown, rtol=SAME, atol=0.0, equal_nan=True)
 
 
 def _misses(own: Alternative) -> bool:
@@ -335,8 +367,8 @@ def _screened(
     own: Alternative | None = None,
     *,
     also: Collection[str] = (),
-    manner: Manner = QUICK,
     start: Float[np.ndarray, "param"] | None = None,
+    manner: Manner = QUICK,
     hopeless: float = math.inf,
 ) -> _Screened:
     """All linear effects at once, from a ``start`` or where the model has them. **Arguments:** ``own``: an answer whose
@@ -380,13 +412,18 @@ def _differs(one: _Screened, other: _Screened) -> bool:
 
 def _holds(one: _Screened) -> bool:
     """Whether what the fit leaves, and the size of its values, are no more than noise and priors allow."""
-    numbers = one.numbers
-    return bool(2.0 * one.end.cost < numbers + FITS * math.sqrt(2.0 * numbers))
+    return one.end.cost < _most_held(one.change)
+
+
+def _most_held(change: _Change) -> float:
+    """Cost up to which a fit holds within the noise."""
+    numbers = change.numbers
+    return 0.5 * (numbers + FITS * math.sqrt(2.0 * numbers))
 
 
 def _may_hold(one: _Screened) -> bool:
     """Whether some of the effects of a fit may hold within the noise by themselves."""
-    numbers = one.numbers
+    numbers = one.change.numbers
     return bool(2.0 * one.end.data_cost < LARGEST_HEALTHY_CHI2 * numbers + FITS * math.sqrt(2.0 * numbers))
 
 
