@@ -23,7 +23,7 @@ from scipy.special import chdtrc
 
 from rotorjax import Measurement, Model, read_measurement, read_rig
 from rotorjax.compilation import spare_memory_maps, use_double_precision
-from rotorjax.discovery.contest import Contender, Contest, Effects, Known, make_contest, misfit_left
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known, make_contest
 from rotorjax.discovery.force_shapes import Shape, shapes
 from rotorjax.discovery.missing_force import Balance, missing_force
 from rotorjax.discovery.race import settle
@@ -96,7 +96,7 @@ def _holds(contest: Contest, contender: Contender) -> bool:
     """By chi-square; where the noise is unknown, if no more than a tenth of what was measured is left."""
     m = contest.measurement
     if m.sigma is None:
-        return misfit_left(contest, contender) < 0.1 * m.rms
+        return contest.misfit_left(contender) < 0.1 * m.rms
     freedom = max(1, np.count_nonzero(m.weights(0.0)) - len(contender.best.free))
     return bool(chdtrc(freedom, 2.0 * contender.best.data_cost) > REJECTED and contender.noise.allowance == 0.0)
 

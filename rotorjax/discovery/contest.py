@@ -13,6 +13,7 @@ from jaxtyping import Bool, Complex, Float
 from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
 from rotorjax.inference.budget import Budget
+from rotorjax.inference.covariance import anything_random
 from rotorjax.inference.data import Data, make_data, residual_vectors
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
@@ -128,7 +129,19 @@ class Contest:
 
     def data(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Data:
         """The measurement in units of a noise, the sensitivity to what is random taken at a point."""
-        return make_data(self.measurement, self.space.model_at(point), noise)
+        return make_data(self.measurement, self._felt_by(noise, point), noise)
+
+    def _felt_by(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Model:
+        """The model by which what is random in a run is felt: any, where nothing is."""
+        random = anything_random(self.measurement.knowledge, noise.scatter)
+        return self.space.model_at(point) if random else self.space.model
+
+    def misfit_left(self, contender: Contender) -> float:
+        """Isotropic misfit that a contender leaves [m]."""
+        end = contender.best
+        left = self.left(end, self.data(contender.noise, end.point))
+        felt_by = self._felt_by(self.floor, end.point)
+        return misfit_of(self.kept_measurement(), felt_by, left, len(end.free), self.floor)
 
     def left(self, end: End, data: Data) -> Complex[np.ndarray, "case probe order"]:
         """Model minus measured on the cases that count, zero elsewhere [m]."""
@@ -220,14 +233,6 @@ def make_contest(
         for n in members
     }
     return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool), budget or Budget())
-
-
-def misfit_left(contest: Contest, contender: Contender) -> float:
-    """Isotropic misfit that a contender leaves [m]."""
-    left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
-    return misfit_of(
-        contest.kept_measurement(), contest.model_at(contender), left, len(contender.best.free), contest.floor
-    )
 
 
 def with_floor(contest: Contest, contender: Contender) -> Contest:

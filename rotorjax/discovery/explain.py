@@ -12,7 +12,7 @@ from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
-from rotorjax.discovery.contest import Contest, check_catalog, make_contest, misfit_left
+from rotorjax.discovery.contest import Contest, check_catalog, make_contest
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
@@ -297,7 +297,7 @@ def _with_ties(
     answer.
     """
     contest = selection.contest
-    noise = Noise(misfit_left(contest, selection.known[selection.present]), contest.floor.scatter)
+    noise = Noise(contest.misfit_left(selection.known[selection.present]), contest.floor.scatter)
     if contest.budget.exhausted:
         stages.untried.append("what else would do as well")
         return selection, Ties((), (), (), selection.known[selection.present], {}), noise
@@ -312,7 +312,7 @@ def _with_ties(
         if better is None:
             break
         selection = retold(selection, better.effects, ties.raced)
-        noise = Noise(misfit_left(contest, better), contest.floor.scatter)
+        noise = Noise(contest.misfit_left(better), contest.floor.scatter)
         ties = find_ties(contest, selection, noise, catalog)
     return selection, ties, noise
 

@@ -141,12 +141,8 @@ def fit_trials(trials: Sequence[Trial], measurement: Measurement, budget: Budget
         stage = _stage(model, everything, measurement, names, frozenset())._replace(budget=budget)
         start = starts_at(np.where(stage.free, stage.space.given_unknowns(), 0.0)[None]) if near else None
         rounds = fitted_rounds(stage, start, ahead)
-        best = likeliest(rounds)
-        if best.best.exact:
-            ahead = Ahead(
-                min(ahead.minus_log_posterior, best.minus_log_posterior), min(ahead.first_cost, rounds[0].first_cost)
-            )
-        fits.append(summarise(stage, best, None, "not asked for"))
+        ahead = ahead.of(rounds)
+        fits.append(summarise(stage, likeliest(rounds), None, "not asked for"))
     return fits
 
 

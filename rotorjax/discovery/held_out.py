@@ -89,6 +89,7 @@ class _Folds:
         self.whole: dict[Effects, list[End]] = {}
         self.first: list[dict[Effects, End]] = [{} for _ in folds]
         self.fitted: list[dict[Effects, End]] = [{} for _ in folds]
+        self.scored: list[dict[Effects, tuple[End, float]]] = [{} for _ in folds]
 
     def choose(self, wanted: Sequence[Sequence[Effects]], choice: Callable[[Scores], Effects]) -> list[Effects]:
         """What each fold chooses among some sets."""
@@ -169,11 +170,14 @@ class _Folds:
 
     def _scores(self, fold: int, sets: Iterable[Effects]) -> Scores:
         """Of some sets on a fold's rest."""
-        ends = {e: self.fitted[fold].get(e, self.first[fold][e]) for e in sets}
-        return {
-            e: contender_of(self.rests[fold], e, [end], self.noise).log_evidence + self.contest.log_odds(e)
-            for e, end in ends.items()
-        }
+        return {effects: self._score(fold, effects) for effects in sets}
+
+    def _score(self, fold: int, effects: Effects) -> float:
+        end, scored = self.fitted[fold].get(effects, self.first[fold][effects]), self.scored[fold]
+        if effects not in scored or scored[effects][0] is not end:
+            evidence = contender_of(self.rests[fold], effects, [end], self.noise).log_evidence
+            scored[effects] = end, evidence + self.contest.log_odds(effects)
+        return scored[effects][1]
 
 
 def _most_probable(scores: Scores) -> Effects:

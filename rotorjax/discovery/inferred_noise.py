@@ -50,6 +50,11 @@ class Round(NamedTuple):
         return abs(self.misfit - self.allowance) <= SAME_MISFIT * self.allowance
 
     @property
+    def holds(self) -> bool:
+        """Whether it needs no allowance."""
+        return self.allowance == self.misfit == 0.0
+
+    @property
     def minus_log_posterior(self) -> float:
         """Up to a constant; the noise's own normalisation counts, so that allowances can be compared."""
         weight = np.asarray(self.data.weight)
@@ -62,6 +67,19 @@ class Ahead(NamedTuple):
     minus_log_posterior: float = math.inf
     first_cost: float = math.inf
     """As in `Round`, of rounds that begin with no allowance."""
+    holds: bool = False
+    """Whether one of them holds within the noise that is known."""
+
+    def of(self, rounds: list[Round]) -> "Ahead":
+        """With what another model reached, if its motions balance."""
+        best = likeliest(rounds)
+        if not best.best.exact:
+            return self
+        return Ahead(
+            min(self.minus_log_posterior, best.minus_log_posterior),
+            min(self.first_cost, rounds[0].first_cost),
+            self.holds or best.holds,
+        )
 
     def hopeless_cost(self, measurement: Measurement) -> float:
         """Cost under the table's noise alone with which a fit does not go on; where that noise is a misfit, only the
@@ -80,7 +98,8 @@ def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | N
     parameters anywhere; the allowance, one isotropic standard error added to the table's, grows or shrinks until it
     equals the misfit found, and vanishes where the model holds. A wide one alone can settle where the prior rules and
     nothing was fitted; a narrow one alone can run into a corner first: so both, compared by posterior density.
-    What is behind other models by far under a wide one ends there.
+    What is behind other models by far under a wide one ends there; where one holds within the noise of the table, the
+    others are fitted under that noise, from where they are told to begin and from where a wide one leads.
     **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what other models reached.
     """
     measurement, ahead = stage.measurement, ahead or Ahead()
@@ -88,12 +107,15 @@ def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | N
     most = max(measurement.rms, LEAST_NOISE)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     hopeless = ahead.hopeless_cost(measurement)
+    if ahead.holds:
+        wide = _round(stage, most, starts, stage.space.model)
+        return [_round(stage, floor, begin, stage.space.model, hopeless) for begin in (starts, [Start.at(wide.best)])]
     wide = _settle(stage, most, starts) if math.isfinite(ahead.minus_log_posterior) else None
     if wide is not None and wide.minus_log_posterior > ahead.minus_log_posterior + HOPELESS:
         return [wide._replace(first_cost=math.inf)]
     now = _settle(stage, floor, starts, hopeless)
     # The noise given is known: a fit that holds within it needs no comparison with one that had to widen it.
-    if now.settled and now.misfit == 0.0:
+    if now.holds:
         return [now]
     wide = wide or _settle(stage, most, starts)
     return [now, wide, _settle(stage, floor, [Start.at(wide.best)], hopeless)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rotorjax.discovery.contest import Contest, Effects, Known, misfit_left
+from rotorjax.discovery.contest import Contest, Effects, Known
 from rotorjax.discovery.fit import Fit, summarise
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.inferred_noise import Round, Stage
@@ -51,7 +51,7 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *,
     within that.
     """
     own = known[effects] if effects in known else race(contest, under, [effects], known)[effects]
-    noise = Noise(misfit_left(contest, own), contest.floor.scatter)
+    noise = Noise(contest.misfit_left(own), contest.floor.scatter)
     again = race(contest, noise, [effects], known)[effects]
     # A descent under another noise may end in another motion: where it came from must not be lost.
     starts = [Start.at(end) for end in (*again.ends[:2], own.best)]
@@ -75,6 +75,6 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *,
 
     if last and noise.allowance > contest.floor.allowance and contest.measurement.sigma is not None:
         quiet = polish(contest.floor)
-        if misfit_left(contest, own.led_by(quiet.best, contest.floor)) == contest.floor.allowance:
+        if contest.misfit_left(own.led_by(quiet.best, contest.floor)) == contest.floor.allowance:
             return quiet
     return polish(noise)

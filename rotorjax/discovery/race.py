@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.inference.data import MOST_STARTS, Data, declared_starts
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.evidence import log_evidence
@@ -300,13 +300,13 @@ def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
 
 def _leader_holds(contest: Contest, found: Known, wanted: list[Effects]) -> bool:
     """Whether the best leaves no more than the noise that is known."""
-    return misfit_left(contest, found[_leader(contest, found, wanted)]) == contest.floor.allowance
+    return contest.misfit_left(found[_leader(contest, found, wanted)]) == contest.floor.allowance
 
 
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:
     """The misfit that one contender leaves when it is fitted under just that misfit, and the contender there."""
     for _ in range(MOST_ROUNDS):
-        after = noise._replace(allowance=misfit_left(contest, contender))
+        after = noise._replace(allowance=contest.misfit_left(contender))
         if _same(after, noise):
             break
         contender = race(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
-from rotorjax.discovery.contest import Contender, Contest, Effects, Known, misfit_left, with_floor
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known, with_floor
 from rotorjax.discovery.race import WORTH_TRYING, Race, contender_of, log_likelihood, settle
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
@@ -306,7 +306,7 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
     race will end, or near it.
     """
     known = [table[base | {name}] for name in present - base if base | {name} in table]
-    left = [misfit_left(contest, contender) for contender in known if contender.best.exact]
+    left = [contest.misfit_left(contender) for contender in known if contender.best.exact]
     return noise._replace(allowance=min(left, default=noise.allowance))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rotorjax.data.declarations import Slip, log_odds, promising, slips
-from rotorjax.discovery.contest import Contest, Effects, misfit_left
+from rotorjax.discovery.contest import Contest, Effects
 from rotorjax.discovery.race import score
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE, Progress, Selection, select
@@ -429,5 +429,5 @@ def _may_hold(one: _Screened) -> bool:
 
 def _alternative(slip: Slip | None, selection: Selection, odds: float = 0.0) -> Alternative:
     contest, contender = selection.contest, selection.known[selection.present]
-    noise = Noise(misfit_left(contest, contender), contest.floor.scatter)
+    noise = Noise(contest.misfit_left(contender), contest.floor.scatter)
     return Alternative(slip, selection, score(contest, contender, noise) + odds, noise.allowance)

@@ -48,6 +48,12 @@ class Noise(NamedTuple):
 NO_SCATTER, NO_NOISE = RunScatter(), Noise()
 
 
+def anything_random(known: Knowledge, scatter: RunScatter) -> bool:
+    """Whether unbalance or bow of a run are random: then the vectors feel that as they feel the rotor."""
+    declared = known.installed_unbalance > 0.0 or known.installed_angle_rad > 0.0 or known.installed_bow > 0.0
+    return declared or scatter != NO_SCATTER
+
+
 class OfRuns(NamedTuple):
     """What is random in every run: one unit of each of its independent parts does this to the vectors [m]."""
 
@@ -58,8 +64,8 @@ class OfRuns(NamedTuple):
     def of(cls, measurement: Measurement, model: Model, scatter: RunScatter) -> "OfRuns":
         """**Arguments:** ``model``: where the sensitivity to unbalance and bow is taken."""
         cases, cells = len(measurement.run), 2 * measurement.vectors[0].size
-        factor = _scatter_factor(measurement, model, scatter)
-        if not np.any(factor):
+        random = anything_random(measurement.knowledge, scatter)
+        if not random or not np.any(factor := _scatter_factor(measurement, model, scatter)):
             return cls(measurement, np.zeros((cases, cells, 0)))
         slopes = fault_sensitivity(model, measurement.conditions).reshape(cases, cells, 4)
         by_run = np.zeros((cases, cells, len(measurement.runs), 4))

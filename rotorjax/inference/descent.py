@@ -166,10 +166,7 @@ def descend(  # noqa: PLR0913
 
 def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Manner, hopeless: float) -> list[Descent]:
     """All descents to their ends, or until the budget is spent."""
-    timed = [
-        lin.timed(start.point, np.isin(np.arange(len(start.point)), task.free))
-        for start, task in zip(starts, tasks, strict=True)
-    ]
+    timed = [lin.timed(start.point, task.free) for start, task in zip(starts, tasks, strict=True)]
     known = [start.motions is not None for start in starts]
     fresh = first_motions(
         lin, [start.point for start, orders, near in zip(starts, timed, known, strict=True) if orders and not near]

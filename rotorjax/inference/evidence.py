@@ -166,7 +166,7 @@ def factors(
     **Arguments:** ``data``: curvature of the data, ``weight`` of the prior, by all unknowns; ``largest`` power of the
     step.
     """
-    others = np.setdiff1d(np.arange(len(weight)), group)
+    others = np.delete(np.arange(len(weight)), group)
     coupling = data[np.ix_(group, others)]
     rest = data[np.ix_(others, others)] + np.diag(weight[others])
     own = data[np.ix_(group, group)] - coupling @ np.linalg.solve(rest, coupling.T)

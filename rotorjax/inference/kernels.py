@@ -19,7 +19,7 @@ from jaxtyping import Complex, Float, Int
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
-from rotorjax.inference.space import Space
+from rotorjax.inference.space import Space, once_for_each
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.harmonic_balance import Grid, grid_of
@@ -97,7 +97,8 @@ class Kernels:
         self._linear, self._swept = (
             compiled(kernel, bare, space.model, LINEAR_CHUNK) for kernel in (_linear, _sweep_of_fit)
         )
-        self._sweeping = np.flatnonzero(space.sweeping())
+        # Column -1 is none.
+        self._sweeping = np.append(space.sweeping(), False)
         # Read at the usual orders too: whichever of them were measured, the compiled code is the same.
         full = bare.with_orders(tuple(sorted({*orders, *USUAL_ORDERS})))
         self._read = [full.model.layout.orders.index(order) for order in orders]
@@ -150,7 +151,7 @@ class Kernels:
         slopes: Complex[np.ndarray, "row column probe order"],
     ) -> Reading:
         """What the probes show, with what a sweep adds to it."""
-        freed = np.isin(rows.columns, self._sweeping).any(axis=1) | rows.unknowns[:, self._sweeping].any(axis=1)
+        freed = self._sweeping[rows.columns].any(axis=1) | rows.unknowns[:, self._sweeping[:-1]].any(axis=1)
         moving = np.flatnonzero(freed | (rows.sweep != 0.0))
         if len(moving):
             added, by_column = self._swept(*(values[moving] for values in rows))
@@ -162,26 +163,10 @@ class Kernels:
         return rows._replace(unknowns=np.pad(rows.unknowns, ((0, 0), (0, self._more))))
 
 
-class _Itself(NamedTuple):
-    """A space as a key: the same only if it is the very object."""
-
-    space: Space
-
-    def __hash__(self) -> int:
-        return id(self.space)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Itself) and other.space is self.space
-
-
+@once_for_each
 def kernels_of(space: Space) -> Kernels:
     """The kernels of a space, made once."""
-    return _kernels_of(_Itself(space))
-
-
-@functools.lru_cache(maxsize=8)
-def _kernels_of(itself: _Itself) -> Kernels:
-    return Kernels(itself.space)
+    return Kernels(space)
 
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:

@@ -357,9 +357,9 @@ class Linearisation:
         motions[..., : self.kernels.coefficients] += step.reshape(*motions.shape[:2], -1)
         return motions
 
-    def timed(self, unknowns: Float[np.ndarray, "param"], free: Bool[np.ndarray, "param"]) -> bool:
+    def timed(self, unknowns: Float[np.ndarray, "param"], free: Int[np.ndarray, "free"]) -> bool:
         """Whether orders depend on one another."""
-        return bool(np.any(self._timed & (free | (unknowns != 0.0))))
+        return bool(np.any(self._timed[free]) or np.any(self._timed & (unknowns != 0.0)))
 
 
 def _replaced(old: np.ndarray, cases: np.ndarray, new: np.ndarray) -> np.ndarray:

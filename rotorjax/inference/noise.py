@@ -12,7 +12,15 @@ from scipy.optimize import minimize
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import Measurement, cluster_speeds, is_half_order
-from rotorjax.inference.covariance import NO_NOISE, NO_SCATTER, Noise, OfRuns, RunScatter, common_errors
+from rotorjax.inference.covariance import (
+    NO_NOISE,
+    NO_SCATTER,
+    Noise,
+    OfRuns,
+    RunScatter,
+    anything_random,
+    common_errors,
+)
 from rotorjax.inference.faults import fault_sensitivity
 from rotorjax.model.model import Model
 
@@ -40,12 +48,11 @@ def scatter_wanted(measurement: Measurement) -> bool:
     user.
     """
     known = measurement.knowledge
-    declared = known.installed_unbalance > 0.0 or known.installed_angle_rad > 0.0 or known.installed_bow > 0.0
     return (
         len(measurement.runs) >= FEW_RUNS
         and known.run_scatter == "auto"
         and measurement.sigma is not None
-        and not declared
+        and not anything_random(known, NO_SCATTER)
     )
 
 

@@ -64,7 +64,7 @@ def predict(
     layout = space.model.layout
     lin = Linearisation(space, conditions_data(conditions, len(layout.probes), len(layout.orders)), budget)
     wanted = np.zeros(0, int) if free is None else free
-    if not lin.timed(point, np.zeros(len(point), bool)):
+    if not lin.timed(point, np.zeros(0, int)):
         (one,) = lin.at([Point(point, None)], [wanted])
         return Prediction(lin.vectors(one.shown), one.slopes)
     starts = []

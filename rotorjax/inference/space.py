@@ -1,9 +1,12 @@
 """The parameter vector of a fit: every entry of every effect in the model, in units of its prior scale."""
 
 import dataclasses
+import functools
+import math
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from types import UnionType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,6 +22,8 @@ from rotorjax.effects import CATALOG
 from rotorjax.model.contract import Effect, RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.units import Unit, unit_of
+
+Result = TypeVar("Result")
 
 
 class Entry(NamedTuple):
@@ -114,24 +119,22 @@ class Space(eqx.Module):
         their null.
         """
         values, first = self.values(unknowns), 0
-        kept: list[Effect] = []
-        numbers: list[np.ndarray] = []
-        for effect in self.model.effects:
-            leaves = jax.tree.leaves(effect)
-            parts = np.split(values[first:], np.cumsum([leaf.size for leaf in leaves]))[: len(leaves)]
-            first += sum(part.size for part in parts)
-            costly = isinstance(effect, RestoringEffect | WaveformEffect | SweepEffect)
-            if not costly or any(part.any() for part in parts):
-                kept.append(effect)
-                numbers += [part.reshape(leaf.shape) for part, leaf in zip(parts, leaves, strict=True)]
-        effects = jax.tree.unflatten(jax.tree.structure(tuple(kept)), jax.device_put(numbers))
+        kept: list[Any] = []
+        numbers: list[list[np.ndarray]] = []
+        for structure, shapes, costly in _effects_of(self):
+            ends = np.cumsum([first, *(math.prod(shape) for shape in shapes)])
+            first = int(ends[-1])
+            if not costly or values[ends[0] : first].any():
+                kept.append(structure)
+                spans = zip(pairwise(ends), shapes, strict=True)
+                numbers.append([values[a:b].reshape(shape) for (a, b), shape in spans])
+        parts = jax.device_put(numbers)
+        effects = tuple(jax.tree.unflatten(structure, leaves) for structure, leaves in zip(kept, parts, strict=True))
         return dataclasses.replace(self.model, effects=effects)
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""
-        unknowns = np.zeros(len(self.entries))
-        unknowns[np.asarray(self.unknown)] = (values_of(self.model) - np.asarray(self.centre)) / np.asarray(self.scale)
-        return unknowns
+        return _given_unknowns(self).copy()
 
     def timed(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects that make the orders depend on one another."""
@@ -166,6 +169,44 @@ class Space(eqx.Module):
             if entry.effect in effects and not entry.declared_uncertain:
                 mask[entry.unknown] = True
         return mask
+
+
+class _Itself(NamedTuple):
+    """A space as a key: the same only if it is the very object."""
+
+    space: Space
+
+    def __hash__(self) -> int:
+        return id(self.space)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Itself) and other.space is self.space
+
+
+def once_for_each(function: Callable[[Space], Result]) -> Callable[[Space], Result]:
+    """A function of a space that is called once for each, of the last eight."""
+    kept = functools.lru_cache(maxsize=8)(lambda itself: function(itself.space))
+    return functools.wraps(function)(lambda space: kept(_Itself(space)))
+
+
+@once_for_each
+def _given_unknowns(space: Space) -> Float[np.ndarray, "param"]:
+    unknowns = np.zeros(len(space.entries))
+    unknowns[np.asarray(space.unknown)] = (values_of(space.model) - np.asarray(space.centre)) / np.asarray(space.scale)
+    return unknowns
+
+
+@once_for_each
+def _effects_of(space: Space) -> list[tuple[Any, list[tuple[int, ...]], bool]]:
+    """Of every effect its structure, the shapes of its parameters, and whether it is left out where it is at its
+    null.
+    """
+    found = []
+    for effect in space.model.effects:
+        leaves, structure = jax.tree.flatten(effect)
+        costly = isinstance(effect, RestoringEffect | WaveformEffect | SweepEffect)
+        found.append((structure, [leaf.shape for leaf in leaves], costly))
+    return found
 
 
 def labels_of(model: Model) -> list[tuple[str, str]]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rotorjax import effects
-from rotorjax.discovery.contest import make_contest, misfit_left
+from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import held_out
 from rotorjax.discovery.race import foreseen, race
 from rotorjax.discovery.search import retold, select
@@ -60,7 +60,7 @@ def test_a_fit_without_part_of_the_data_is_foreseen(selection):
 
 def test_held_out_error_and_ties_are_those_of_every_fit_made(selection, monkeypatch):
     contest = selection.contest
-    noise = Noise(misfit_left(contest, selection.known[selection.present]), contest.floor.scatter)
+    noise = Noise(contest.misfit_left(selection.known[selection.present]), contest.floor.scatter)
 
     def found():
         before = contest.budget.spent
