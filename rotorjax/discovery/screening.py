@@ -1,0 +1,223 @@
+"""All linear effects at once beside what is stated, and beside changes of it: what no set of them can do better than.
+
+Forces that depend on motion, and a sweep, cost many times as much, and are left out.
+"""
+
+import dataclasses
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rotorjax.data.declarations import Slip
+from rotorjax.discovery.contest import Contender, Contest, Effects
+from rotorjax.discovery.rivals import TIE
+from rotorjax.discovery.search import WIDE
+from rotorjax.inference.descent import HOPELESS, End, descend, starts_at
+from rotorjax.inference.manner import CONVERGED, QUICK, Manner
+from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
+from rotorjax.inference.prediction import predict
+from rotorjax.model.contract import SweepEffect
+
+HALVED = 0.5
+"""Share of the misfit, or of the cost with all linear effects, that a change must leave at most to count where it does
+not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn forces that
+depend on motion; mistakes left 0.03 to 0.07.
+"""
+FITS = 5.0
+"""Standard deviations of chi-square up to which a fit of all linear effects holds within the noise."""
+BEGUN = QUICK._replace(most_steps=5)
+"""How changes begin: what they leave after some steps is the order in which they go on."""
+SAME = 1e-6
+"""Difference of costs of one fit made twice."""
+
+
+class Change(NamedTuple):
+    """What is stated, or a change of it."""
+
+    slip: Slip | None
+    contest: Contest
+    log_odds: float = 0.0
+
+    @property
+    def numbers(self) -> int:
+        """Of data that count."""
+        return int(np.count_nonzero(self.contest.measurement.weights(0.0)))
+
+    @property
+    def most_held(self) -> float:
+        """Cost up to which a fit holds within the noise."""
+        return 0.5 * (self.numbers + FITS * math.sqrt(2.0 * self.numbers))
+
+    @property
+    def of_weight(self) -> bool:
+        """Whether it changes the weight of the rotor."""
+        return self.slip is not None and self.slip.kind.startswith("weight_")
+
+    @classmethod
+    def of(cls, contest: Contest, slip: Slip, odds: float) -> "Change":
+        """With the model and the measurement as the change has them."""
+        model, measurement = slip.corrected(contest.space.model, contest.measurement)
+        space = dataclasses.replace(contest.space, model=model)
+        return cls(slip, dataclasses.replace(contest, space=space, measurement=measurement), odds)
+
+    def without(self, effects: Effects) -> "Change":
+        """The same with none of these effects beside it."""
+        candidates = tuple(name for name in self.contest.candidates if name not in effects)
+        return self._replace(contest=dataclasses.replace(self.contest, candidates=candidates))
+
+
+class Screened(NamedTuple):
+    """All linear effects beside a change, fitted at once."""
+
+    change: Change
+    end: End
+
+    def without(self, effects: Effects) -> "Screened":
+        """The same with none of these effects beside the change when that is searched."""
+        return self._replace(change=self.change.without(effects))
+
+    @property
+    def cost(self) -> float:
+        """Of the fit and of the prior odds, and what narrows down the values declared uncertain: minus the log evidence
+        of any set of those effects is more, as each of them costs prior odds and narrows down its own.
+        """
+        own = self.change.contest.free(frozenset())[self.end.free]
+        occam = 0.5 * float(np.linalg.slogdet(self.end.curvature[np.ix_(own, own)])[1])
+        return self.end.cost + occam - self.change.log_odds
+
+    @property
+    def holds(self) -> bool:
+        """Whether what the fit leaves, and the size of its values, are no more than noise and priors allow."""
+        return self.end.cost < self.change.most_held
+
+    @property
+    def may_hold(self) -> bool:
+        """Whether some of the effects of the fit may hold within the noise by themselves."""
+        numbers = self.change.numbers
+        return bool(2.0 * self.end.data_cost < LARGEST_HEALTHY_CHI2 * numbers + FITS * math.sqrt(2.0 * numbers))
+
+    def differs(self, other: "Screened") -> bool:
+        """Whether the change makes any difference to linear effects."""
+        return abs(self.end.cost - other.end.cost) > SAME
+
+
+def as_stated(contest: Contest) -> Screened:
+    """What is stated, under the noise of the table: where linear effects do not hold, with a sweep if that helps."""
+    change = Change(None, contest)
+    # What misses by more is fitted under a wide noise first.
+    enough = change.most_held / HALVED
+    stated = screen(change, NO_NOISE, hopeless=enough)
+    if not stated.holds and (sweeps := _sweeps(contest)):
+        also = screen(change, NO_NOISE, also=sweeps, hopeless=enough)
+        stated = min(stated, also, key=lambda one: one.end.cost)
+    return stated
+
+
+def screen(
+    change: Change,
+    noise: Noise,
+    own: Contender | None = None,
+    *,
+    also: Collection[str] = (),
+    start: Float[np.ndarray, "param"] | None = None,
+    manner: Manner = QUICK,
+    hopeless: float = math.inf,
+) -> Screened:
+    """All linear effects at once, from a ``start`` or where the model has them. **Arguments:** ``own``: an answer whose
+    forces that depend on motion, and sweep, are fitted too; ``also``: further effects; ``manner`` of the descent;
+    ``hopeless``: cost with which it does not go on.
+    """
+    contest = change.contest
+    start, free = contest.space.given_unknowns() if start is None else start, _linear(contest)
+    free = free | contest.only_of(also)
+    if own is not None:
+        beside = contest.only_of(own.effects & dear(contest))
+        start, free = np.where(beside, own.best.point, start), free | beside
+    data, budget = contest.data(noise, start), contest.budget
+    training, starts = contest.training[None], starts_at(start[None])
+    (end,) = descend(contest.space, data, starts, free, training, budget=budget, manner=manner, hopeless=hopeless)
+    return Screened(change, end)
+
+
+def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, list[Screened], list[Screened]]:
+    """What is stated, where linear effects do not hold within the noise with it, changes that may be near, and those
+    ahead, the nearest first; none where what is stated holds after all.
+
+    All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
+    stated under that noise stays so.
+    """
+    measurement = stated.change.contest.measurement
+    level = screen(stated.change, Noise(WIDE * measurement.rms))
+    enough = stated.change.most_held / HALVED
+    stated = min(stated, _exactly(level, hopeless=enough), key=lambda one: one.end.cost)
+    if stated.holds:
+        return stated, [], []
+    # What linear effects do not feel, a weight for instance, leaves them as they are.
+    feels = {change.slip: _feels(change, level) for change in changes}
+    alike = [Screened(change, stated.end) for change in changes if not feels[change.slip]]
+    possible = _not_behind(level, [change for change in changes if feels[change.slip]])
+    screened, enough = list[Screened](), max(HALVED * stated.end.cost, enough)
+    for one in possible:
+        screened.append(_exactly(one, hopeless=enough))
+        if screened[-1].holds:
+            enough = min(enough, screened[-1].end.cost + HOPELESS)
+    ahead = [
+        exact
+        for rough, exact in zip(possible, screened, strict=True)
+        if exact.holds or rough.end.cost < HALVED * level.end.cost or exact.end.cost < HALVED * stated.end.cost
+    ]
+    ahead.sort(key=lambda one: (0, one.cost) if one.holds else (1, 0.0))
+    return stated, [*screened, *alike], ahead
+
+
+def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
+    """Changes that leave no more than what is stated under the wide noise of its fit, the nearest first.
+
+    All are begun, and go on in the order of what they leave: not once they promise twice as much as what is stated
+    leaves, or far more than the best.
+    """
+    wide, most = Noise(WIDE * level.change.contest.measurement.rms), level.end.cost + TIE
+    enough = most / HALVED
+    begun = [screen(change, wide, manner=BEGUN, hopeless=enough) for change in changes]
+    fitted = list[Screened]()
+    for one in sorted(begun, key=lambda one: one.end.cost):
+        going_on = one.end.result != CONVERGED and one.end.steps == BEGUN.most_steps
+        fitted.append(screen(one.change, wide, start=one.end.point, hopeless=enough) if going_on else one)
+        enough = min(enough, fitted[-1].end.cost + HOPELESS)
+    return sorted((one for one in fitted if one.end.cost < most), key=lambda one: one.cost)
+
+
+def _exactly(rough: Screened, *, hopeless: float = math.inf) -> Screened:
+    """The fit under the noise of the table, begun where that under a wide one ended."""
+    return screen(rough.change, NO_NOISE, start=rough.end.point, hopeless=hopeless)
+
+
+def _feels(change: Change, level: Screened) -> bool:
+    """Whether a change makes any difference to linear effects fitted to what is stated: to what was measured, or to
+    what they show.
+    """
+    contest, stated = change.contest, level.change.contest
+    if contest.measurement.vectors is not stated.measurement.vectors:
+        return True
+    shown = predict(contest.space, contest.measurement.conditions, level.end.point, budget=contest.budget).shown
+    return not np.allclose(shown, level.end.shown, rtol=SAME, atol=0.0, equal_nan=True)
+
+
+def _linear(contest: Contest) -> Bool[np.ndarray, "param"]:
+    return contest.free(frozenset(contest.candidates) - dear(contest))
+
+
+def dear(contest: Contest) -> Effects:
+    """Effects that are fitted beside a change only where the answer has them: forces that depend on motion, and a
+    sweep.
+    """
+    return contest.timed | _sweeps(contest)
+
+
+def _sweeps(contest: Contest) -> set[str]:
+    """Those that may be missing by which the speed changes."""
+    changing = {e.name for e in contest.space.model.effects if isinstance(e, SweepEffect)}
+    return changing.intersection(contest.candidates)
