@@ -221,7 +221,8 @@ def _near(
     near = [one for one in screened if one not in with_forces and -one.cost > least and one.differs(stated)]
     found = [one.without(costly) for one in near]
     if possible := [one for one in with_forces if HALVED * one.end.cost < stated.end.cost]:
-        level, *fitted = (screen(one.change, noise, answer) for one in (stated, *possible))
+        level = screen(stated.change, noise, answer)
+        fitted = [screen(one.change, noise, answer, hopeless=-least) for one in possible]
         near = [one for one in fitted if -one.cost > least and one.differs(level)]
         found += [one.without(costly - beside) for one in near]
     return sorted(found, key=lambda one: one.cost)
