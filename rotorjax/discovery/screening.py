@@ -104,11 +104,13 @@ class Screened(NamedTuple):
         return abs(self.end.cost - other.end.cost) > SAME
 
 
-def as_stated(contest: Contest) -> Screened:
-    """What is stated, under the noise of the table: where linear effects do not hold, with a sweep if that helps."""
+def as_stated(contest: Contest, *, to_the_end: bool = False) -> Screened:
+    """What is stated, under the noise of the table: where linear effects do not hold, with a sweep if that helps.
+
+    **Arguments:** ``to_the_end``: also where it promises to miss by far.
+    """
     change = Change(None, contest)
-    # What misses by more is fitted under a wide noise first.
-    enough = change.most_held / HALVED
+    enough = math.inf if to_the_end else change.most_held / HALVED
     stated = screen(change, NO_NOISE, hopeless=enough)
     if not stated.holds and (sweeps := _sweeps(contest)):
         also = screen(change, NO_NOISE, also=sweeps, hopeless=enough)
@@ -155,21 +157,26 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
     stated = min(stated, _exactly(level, hopeless=enough), key=lambda one: one.end.cost)
     if stated.holds:
         return stated, [], []
-    # What linear effects do not feel, a weight for instance, leaves them as they are.
     feels = {change.slip: _feels(change, level) for change in changes}
-    alike = [Screened(change, stated.end) for change in changes if not feels[change.slip]]
     possible = _not_behind(level, [change for change in changes if feels[change.slip]])
-    screened, enough = list[Screened](), max(HALVED * stated.end.cost, enough)
+    screened = list[Screened]()
     for one in possible:
         screened.append(_exactly(one, hopeless=enough))
         if screened[-1].holds:
             enough = min(enough, screened[-1].end.cost + HOPELESS)
+    if not any(one.holds for one in screened):
+        # How far off all are decides then.
+        whole = as_stated(stated.change.contest, to_the_end=True)
+        stated = min(whole, _exactly(level), key=lambda one: one.end.cost)
+        screened = [_exactly(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
     ahead = [
         exact
         for rough, exact in zip(possible, screened, strict=True)
         if exact.holds or rough.end.cost < HALVED * level.end.cost or exact.end.cost < HALVED * stated.end.cost
     ]
     ahead.sort(key=lambda one: (0, one.cost) if one.holds else (1, 0.0))
+    # What linear effects do not feel, a weight for instance, leaves them as they are.
+    alike = [Screened(change, stated.end) for change in changes if not feels[change.slip]]
     return stated, [*screened, *alike], ahead
 
 
