@@ -125,9 +125,14 @@ def test_trouble_costs_the_case_that_has_it(tmp_path: Path):
 def started(folder: Path, count: int, function: str) -> subprocess.Popen:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [SCRIPT.parent, SCRIPT.parents[1]]))}
     command = [sys.executable, str(SCRIPT), str(folder / "rows.sqlite"), str(count), function]
-    return subprocess.Popen(
-        command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=folder
-    )
+    # Tests that run in the background may ignore Ctrl-C, and what they start would, too.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return subprocess.Popen(
+            command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True, cwd=folder
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.campaign)])
