@@ -25,14 +25,13 @@ from rotorjax.discovery.search import (
     Telling,
     change_by,
     noise_size,
-    retold,
     select,
     showing,
 )
 from rotorjax.discovery.slips import Alternative, race_of_slips
 from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
-from rotorjax.discovery.ties import Ties, find_ties
+from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
@@ -43,8 +42,6 @@ from rotorjax.units import MICROMETRE
 
 UNEXPLAINED = 0.01
 """P-value up to which what is left counts as structure."""
-MOST_LEADERS = 3
-"""Ties, one after the other, that turn out more probable than the answer and take its place."""
 MOST_SEPARATED = 4
 """Ties of which readings are looked for that would settle them."""
 
@@ -104,7 +101,7 @@ def explain(  # noqa: PLR0913
     telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
     stated = _as_stated(contest, full)
-    written = race_of_slips(contest, kinds, max_effects, told, always=slips is True)
+    written = race_of_slips(contest, kinds, max_effects, catalog, told, always=slips is True)
     right, selection = _as_done(full, written.best, candidates, catalog, told)
     return _answer(right, stated, written, selection, undriven, catalog, thorough, told)
 
@@ -297,24 +294,16 @@ def _with_ties(
     answer.
     """
     contest = selection.contest
-    noise = Noise(contest.misfit_left(selection.known[selection.present]), contest.floor.scatter)
     if contest.budget.exhausted:
         stages.untried.append("what else would do as well")
-        return selection, Ties((), (), (), selection.known[selection.present], {}), noise
+        return selection, Ties((), (), (), selection.known[selection.present], {}), noise_left(selection)
     stages.progress("what else would do as well")
-    ties = find_ties(contest, selection, noise, catalog)
+    best, ties = settled(selection, catalog)
     if contest.budget.exhausted:
         # What was linearised once only says nothing.
         stages.untried.append("part of what else would do as well")
-        return selection, ties._replace(tied=(), of_small=(), contains=()), noise
-    for _ in range(MOST_LEADERS):
-        better = ties.better(contest, selection.most)
-        if better is None:
-            break
-        selection = retold(selection, better.effects, ties.raced)
-        noise = Noise(contest.misfit_left(better), contest.floor.scatter)
-        ties = find_ties(contest, selection, noise, catalog)
-    return selection, ties, noise
+        ties = ties._replace(tied=(), of_small=(), contains=())
+    return best, ties, noise_left(best)
 
 
 def _verdict(

@@ -8,7 +8,7 @@ them is tried under that noise before a force that depends on motion holds.
 
 import dataclasses
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,9 @@ from rotorjax.discovery.race import score
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, dear, of_what_fails, screen
 from rotorjax.discovery.search import Progress, Selection, select
+from rotorjax.discovery.ties import noise_left, settled
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
+from rotorjax.model.contract import Effect
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
@@ -66,13 +68,20 @@ class Race(NamedTuple):
 
 
 def race_of_slips(
-    contest: Contest, kinds: Collection[str], most: int, progress: Progress, *, always: bool = True
+    contest: Contest,
+    kinds: Collection[str],
+    most: int,
+    catalog: Mapping[str, type[Effect]],
+    progress: Progress,
+    *,
+    always: bool = True,
 ) -> Race:
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
-    **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most; ``always``: also where what is stated
-    leads to an answer that holds and is not `_like_a_mistake`: with such an answer only changes are searched with
-    which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
+    **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most, of the ``catalog``; ``always``: also
+    where what is stated leads to an answer that holds, and is not `_like_a_mistake` once what ties with it was looked
+    at: with such an answer only changes are searched with which linear effects do as well. **Returns** what is stated
+    alone where nothing comes near it.
     """
     measurement = contest.measurement
     every = slips(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
@@ -91,10 +100,14 @@ def race_of_slips(
         contest = dataclasses.replace(contest, linear_may_hold=stated.may_hold)
     before = budget.spent
     own, unfinished = _search_as_stated(contest, most, progress, beside=any(one.change.of_weight for one in screened))
+    share = math.inf if _misses(own) else budget.spent - before
+    if not always and not budget.exhausted and not _misses(own) and _like_a_mistake(own):
+        # What holds without an effect of the measuring chain may only come to light here.
+        progress("what else would do as well")
+        own = _alternative(None, settled(own.selection, catalog)[0])
     doubtful = always or _misses(own) or _like_a_mistake(own)
     if budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
-    share = math.inf if _misses(own) else budget.spent - before
     noise = Noise(own.misfit if measurement.sigma is None else 0.0)
     stated = stated or screen(Change(None, contest), noise)
     if not screened:
@@ -229,6 +242,6 @@ def _near(
 
 
 def _alternative(slip: Slip | None, selection: Selection, odds: float = 0.0) -> Alternative:
-    contest, contender = selection.contest, selection.known[selection.present]
-    noise = Noise(contest.misfit_left(contender), contest.floor.scatter)
+    contest, noise = selection.contest, noise_left(selection)
+    contender = selection.known[selection.present]
     return Alternative(slip, selection, score(contest, contender, noise) + odds, noise.allowance)

@@ -12,7 +12,7 @@ from rotorjax.data.measurement import is_half_order
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import PRICE, Selection
+from rotorjax.discovery.search import PRICE, Selection, retold
 from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import End
@@ -24,6 +24,8 @@ NEAR = 15.0
 """Log evidence behind the winner up to which an alternative is fitted again, and compared under other errors."""
 AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
+MOST_LEADERS = 3
+"""Ties, one after the other, that turn out more probable than the answer and take its place."""
 TRIED_PAIRS = 5
 """Best replacements of an effect of which pairs are tried in its place."""
 
@@ -76,6 +78,25 @@ def _by_part(tied: tuple[Alternative, ...]) -> list[list[list[str]]]:
     for other in tied:
         groups.setdefault(other.instead_of, [list(other.instead_of)]).append(list(other.effects))
     return list(groups.values())
+
+
+def noise_left(selection: Selection) -> Noise:
+    """The noise that an answer leaves."""
+    contest = selection.contest
+    return Noise(contest.misfit_left(selection.known[selection.present]), contest.floor.scatter)
+
+
+def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[Selection, Ties]:
+    """The answer with what ties with it: a tie that turns out more probable takes its place."""
+    contest = selection.contest
+    ties = find_ties(contest, selection, noise_left(selection), catalog)
+    for _ in range(MOST_LEADERS):
+        better = None if contest.budget.exhausted else ties.better(contest, selection.most)
+        if better is None:
+            break
+        selection = retold(selection, better.effects, ties.raced)
+        ties = find_ties(contest, selection, noise_left(selection), catalog)
+    return selection._replace(known={**selection.known, **ties.raced}), ties
 
 
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
