@@ -180,10 +180,11 @@ def select(
                 return _told(contest, most, present, small, table, seen)
             small |= {added}
             present, noise = _pruned(contest, present, small, table, race.noise)
+            present -= small
             continue
         chosen, noise = present | {added}, race.noise
-        if noise.allowance > contest.floor.allowance or len(chosen) > 1:
-            chosen, noise = _refined(contest, chosen, small, race, table, most)
+        if noise.allowance > contest.floor.allowance or len(chosen | small) > 1:
+            chosen, small, noise = _refined(contest, chosen, small, race, table, most)
             slight = frozenset(name for name in chosen if not matters(contest, table[chosen | small], name, noise))
             chosen, small = chosen - slight, small | slight
         if chosen in tried:
@@ -206,8 +207,10 @@ def forward(contest: Contest, base: Effects, table: Known, noise: Noise) -> Race
 
 def _refined(
     contest: Contest, chosen: Effects, small: Effects, race: Race, table: Known, most: int
-) -> tuple[Effects, Noise]:
-    """The best of all one-for-one swaps and all pairs of the best eight, less what is not needed."""
+) -> tuple[Effects, Effects, Noise]:
+    """The best of all one-for-one swaps and all pairs of the best eight, and the small ones, less what is not
+    needed.
+    """
     before = min(race.contenders, key=len)
     best = [r.effect for r in ranking(contest, race, before) if r.effect != "none"][:PAIRED]
     pool = contest.lean(
@@ -215,7 +218,8 @@ def _refined(
     )
     found = settle(contest, [effects for effects in pool if len(effects - small) <= most], table, race.noise)
     table.update(found.contenders)
-    return _pruned(contest, found.winner, small, table, found.noise)
+    needed, noise = _pruned(contest, found.winner, NOTHING, table, found.noise)
+    return needed - small, needed & small, noise
 
 
 def _near(race: Race) -> list[str]:
@@ -240,13 +244,11 @@ def neighbours(
     return list(dict.fromkeys(pool))
 
 
-def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, noise: Noise) -> tuple[Effects, Noise]:
-    """Less, one after the other, what can be left out at no more than the price of a detection;
-    without the small ones.
-    """
-    winner = present | small
-    while winner - small:
-        without = {name: winner - {name} for name in winner - small}
+def _pruned(contest: Contest, present: Effects, kept: Effects, table: Known, noise: Noise) -> tuple[Effects, Noise]:
+    """Less, one after the other, what can be left out at no more than the price of a detection; with what is kept."""
+    winner = present | kept
+    while winner - kept:
+        without = {name: winner - {name} for name in winner - kept}
         again = settle(contest, [winner, *without.values()], table, noise)
         table.update(again.contenders)
         noise = again.noise
@@ -258,7 +260,7 @@ def _pruned(contest: Contest, present: Effects, small: Effects, table: Known, no
         if gain[least] > PRICE:
             break
         winner = without[least]
-    return winner - small, noise
+    return winner, noise
 
 
 def _told(

@@ -192,12 +192,15 @@ def _with_near(
         budget = one.change.contest.budget
         if budget.exhausted or (holds and -one.cost < max(_least(other, noise) for other in found)):
             break
+        before = budget.spent
         with budget.share(share):
             other = _searched(one.change, most, progress)
             if budget.exhausted and one.change.slip is not None:
                 cut_off.append(one.change.slip)
         # Of an unknown noise each alternative has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
+            if other.score > max(answer.score for answer in found):
+                share = min(share, budget.spent - before)
             found.append(other)
     return found, tuple(cut_off)
 
@@ -233,9 +236,9 @@ def _near(
     with_forces = [one for one in screened if beside and (beside_forces or one.change.of_weight)]
     near = [one for one in screened if one not in with_forces and -one.cost > least and one.differs(stated)]
     found = [one.without(costly) for one in near]
-    if possible := [one for one in with_forces if HALVED * one.end.cost < stated.end.cost]:
+    if with_forces:
         level = screen(stated.change, noise, answer)
-        fitted = [screen(one.change, noise, answer, hopeless=-least) for one in possible]
+        fitted = [screen(one.change, noise, answer, hopeless=-least) for one in with_forces]
         near = [one for one in fitted if -one.cost > least and one.differs(level)]
         found += [one.without(costly - beside) for one in near]
     return sorted(found, key=lambda one: one.cost)

@@ -310,6 +310,15 @@ def test_what_is_below_the_noise_is_fitted_along():
     assert step_labels(found.story)[-1] == "+ residual_unbalance (with runout)"
 
 
+def test_what_was_small_beside_less_goes_where_it_is_no_longer_needed():
+    """A turned probe stood for part of a delay until that was found; then nothing in its place is an effect either."""
+    drawn = drawn_effects.draw(31072)
+    reading = [name for name, cls in CATALOG.items() if cls.family == "reading"]
+    others = ["speed_error", "foundation", "stiffness_error", "damping_error", "cross_coupling"]
+    found = explain(drawn.model, drawn.measurement, only=[*reading, *others], slips=False, thorough=False)
+    assert set(found.effects) == set(drawn.effects)
+
+
 def test_what_would_do_as_well_in_the_place_of_something_small_is_named():
     """Over a narrow range of speeds a delay turns phases as an offset of their reference does; that is said, and does
     not make the verdict doubtful.

@@ -14,6 +14,7 @@ from rotorjax.data.example import write_example
 
 import hidden_forces
 import nonlinear_oracle as in_time
+from drawn_slips import draw_with_mistake
 from hidden import Plan
 
 EFFECTS = ("residual_unbalance", "cross_coupling")
@@ -130,3 +131,11 @@ def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
     only = ("duffing", "rub", "stiffness_error", "foundation", "weight_absent", "weight_direction")
     found = explain(heavy, measurement, only=only, thorough=False)
     assert (found.verdict, found.named) == ("explained", ("weight_absent", "duffing"))
+
+
+@pytest.mark.campaign
+def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it():
+    """Gains far from their scale make up for amplitudes read as half of what they are; a clearance is hidden too."""
+    drawn, mistake = draw_with_mistake(31058)
+    found = explain(drawn.model, drawn.measurement)
+    assert (found.verdict, found.named) == ("explained", (mistake, *drawn.effects))
