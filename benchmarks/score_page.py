@@ -168,7 +168,7 @@ def draw_reliability(rows: Sequence[Row], path: Path) -> None:
     ax.set_xlabel("probability stated")
     ax.set_ylabel("share right")
     if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, loc="lower right")
+        figure.legend(frameon=False, loc="outside upper center", ncols=2)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -186,6 +186,6 @@ def draw_decades(rows: Sequence[Row], path: Path) -> None:
     ax.set_ylim(0, 1.03)
     ax.set_xlabel("improvement in chi-square by the weakest effect hidden")
     ax.set_ylabel("share")
-    ax.legend(frameon=False, loc="lower left")
+    figure.legend(frameon=False, loc="outside upper center", ncols=2)
     figure.savefig(path, dpi=110)
     plt.close(figure)
