@@ -79,9 +79,8 @@ def race_of_slips(
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
     **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most, of the ``catalog``; ``always``: also
-    where what is stated leads to an answer that holds, and is not `_like_a_mistake` once what ties with it was looked
-    at: with such an answer only changes are searched with which linear effects do as well. **Returns** what is stated
-    alone where nothing comes near it.
+    where what is stated leads to an answer that holds and is not `_like_a_mistake`: with such an answer only changes
+    are searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
     """
     measurement = contest.measurement
     every = slips(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
@@ -101,10 +100,7 @@ def race_of_slips(
     before = budget.spent
     own, unfinished = _search_as_stated(contest, most, progress, beside=any(one.change.of_weight for one in screened))
     share = math.inf if _misses(own) else budget.spent - before
-    if not always and not budget.exhausted and not _misses(own) and _like_a_mistake(own):
-        # What holds without an effect of the measuring chain may only come to light here.
-        progress("what else would do as well")
-        own = _alternative(None, settled(own.selection, catalog)[0])
+    own = own if always else _with_its_ties(own, catalog, progress)
     doubtful = always or _misses(own) or _like_a_mistake(own)
     if budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
@@ -132,6 +128,16 @@ def _search_as_stated(contest: Contest, most: int, progress: Progress, *, beside
     with budget.share(OF_WHAT_IS_STATED * budget.left if beside else math.inf):
         own = _alternative(None, select(contest, most, progress=progress))
         return own, beside and budget.exhausted
+
+
+def _with_its_ties(own: Alternative, catalog: Mapping[str, type[Effect]], progress: Progress) -> Alternative:
+    """An answer, or what ties with it and turns out more probable, looked at where it holds and is `_like_a_mistake`:
+    what holds without an effect of the measuring chain may come to light only there.
+    """
+    if own.selection.contest.budget.exhausted or _misses(own) or not _like_a_mistake(own):
+        return own
+    progress("what else would do as well")
+    return _alternative(None, settled(own.selection, catalog)[0])
 
 
 def _misses(own: Alternative) -> bool:
