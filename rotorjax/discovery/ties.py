@@ -96,6 +96,9 @@ def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[
             break
         selection = retold(selection, better.effects, ties.raced)
         ties = find_ties(contest, selection, noise_left(selection), catalog)
+    if contest.budget.exhausted:
+        # What was linearised once only takes no place of what the search fitted.
+        return selection, ties
     return selection._replace(known={**selection.known, **ties.raced}), ties
 
 
