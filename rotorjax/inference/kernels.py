@@ -6,10 +6,9 @@ finds it in the cache.
 """
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +34,7 @@ BALANCED_CHUNK = 16
 USUAL_ORDERS = (0.0, 1.0, 2.0, 3.0)
 COLUMNS = 12
 """Unknowns by which slopes are taken in one go."""
+Tree = TypeVar("Tree")
 
 
 class Rows(NamedTuple):
@@ -203,10 +203,6 @@ def add_dynamic(
             block[:, im, re] += imaginary[:, order]
 
 
-def _one_hot(columns: Array, size: int) -> Float[Array, "column param"]:
-    return (jnp.asarray(columns)[:, None] == jnp.arange(size)[None]).astype(float)
-
-
 def _linear(space: Space, unknowns: Array, columns: Array, *conditions: Array) -> tuple[Array, Array]:
     return _with_slopes(linear_vectors, space, unknowns, columns, *conditions)
 
@@ -225,7 +221,7 @@ def _with_slopes(
             return vectors(without_timed(space.at(at)), Conditions(*condition))
 
         value, push = jax.linearize(shown, u)
-        return value, jax.vmap(push)(_one_hot(wanted, len(u)))
+        return value, jax.vmap(push)(jax.nn.one_hot(wanted, len(u), dtype=float))
 
     return jax.vmap(row)(unknowns, columns, *conditions)
 
@@ -240,35 +236,44 @@ class _Along(NamedTuple):
     sensed: Sensed
 
 
+def _with_changes(function: Callable[[Array], Tree], unknowns: Array, columns: Array) -> tuple[Tree, Tree]:
+    """A function of the unknowns of every row, and how its parts change with the wanted ones: a leading axis counts
+    rows, in the changes a further one columns.
+    """
+    here = function(unknowns)
+    units = jnp.moveaxis(jax.nn.one_hot(columns, unknowns.shape[-1], dtype=float), 1, 0)
+
+    def every(unknowns: Array) -> Tree:
+        # Not linearised once for all columns: to keep what they have in common takes longer to compile.
+        return jax.vmap(lambda unit: jax.jvp(function, (unknowns,), (unit,))[1], out_axes=1)(units)
+
+    def none(unknowns: Array) -> Tree:
+        del unknowns
+        return jax.tree.map(lambda part: jnp.zeros((len(part), len(units), *part.shape[1:]), part.dtype), here)
+
+    return here, jax.lax.cond(jnp.any(columns >= 0), every, none, unknowns)
+
+
 def _balanced(
     space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
 ) -> tuple[Array, ...]:
     model = space.model
     grid = grid_of(model)
+    conditions = (speed, unbalance, bow)
 
-    def row(
-        u: Array, wanted: Array, speed: Array, unbalance: Array, bow: Array, motion: Array, *, any_wanted: bool
-    ) -> tuple[_Along, _Along, Array, Matrix]:
-        condition = Conditions(speed, unbalance, bow)
+    def ready(u: Array, *condition: Array) -> Ready:
+        return Ready.of(space.at(u), Conditions(*condition))
 
-        def along(at: Array) -> _Along:
-            ready = Ready.of(space.at(at), condition)
-            return _Along(ready.lacking(motion), ready.inputs(motion), ready.sensed(motion))
+    def along(u: Array, motion: Array, *condition: Array) -> _Along:
+        there = ready(u, *condition)
+        return _Along(there.lacking(motion), there.inputs(motion), there.sensed(motion))
 
-        here, push = jax.linearize(along, u)
-        units = _one_hot(wanted, len(u))
-        moved = (
-            jax.vmap(push)(units)
-            if any_wanted
-            else jax.tree.map(lambda part: jnp.zeros((len(units), *part.shape), part.dtype), here)
-        )
-        ready = Ready.of(space.at(u), condition)
-        return here, moved, ready.sensed_by_motion(), ready.assembled.dynamic
+    def by_motion_of(u: Array, *condition: Array) -> tuple[Array, Matrix]:
+        there = ready(u, *condition)
+        return there.sensed_by_motion(), there.assembled.dynamic
 
-    every, none = (jax.vmap(functools.partial(row, any_wanted=some)) for some in (True, False))
-    here, moved, by_motion, dynamic = jax.lax.cond(
-        jnp.any(columns >= 0), every, none, unknowns, columns, speed, unbalance, bow, motions
-    )
+    here, moved = _with_changes(lambda at: jax.vmap(along)(at, motions, *conditions), unknowns, columns)
+    by_motion, dynamic = jax.vmap(by_motion_of)(unknowns, *conditions)
     # Not row by row: what is at its null in all rows is passed over.
     forces = force_slopes(parameters_of(model)[1], model.rotor, grid, here.inputs, moved.inputs)
     shown = read_rows(

@@ -209,7 +209,7 @@ def test_measurements_of_any_size_compile_once(monkeypatch):
     model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
     explain(model, measurement, thorough=False)
     traced = []
-    for name in ("linear_vectors", "_one_hot"):
+    for name in ("linear_vectors", "force_slopes"):
         whole = getattr(kernels, name)
         monkeypatch.setattr(kernels, name, lambda *arguments, whole=whole: traced.append(1) or whole(*arguments))
     other, second, _ = hidden.sufficient(
@@ -482,6 +482,8 @@ def test_a_declared_uncertain_value_is_estimated_along_and_leaves_the_race():
     assert abs(estimate.value) == pytest.approx(0.1, abs=0.005)
     assert estimate.finding
     assert any("mass_error.error, declared uncertain, had to move by" in line for line in notes(found))
+    fitted = f"with the values declared uncertain fitted by {found.story.last.rms * 1e6:.3g} µm rms."
+    assert fitted in sentence(found)
 
 
 def test_scatter_between_runs_does_not_hide_an_effect():
