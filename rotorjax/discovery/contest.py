@@ -95,8 +95,8 @@ class Contest:
         return {one: frozenset(other for other in labels if labels[one] < labels[other]) for one in labels}
 
     def is_special_case(self, one: Effects, other: Effects) -> bool:
-        """Whether one effect is another with some of its parameters at zero."""
-        return len(one) == len(other) == 1 and other <= self.containing.get(next(iter(one)), frozenset())
+        """Whether an effect is one of others with some of its parameters at zero."""
+        return len(one) == 1 and not other.isdisjoint(self.containing.get(next(iter(one)), frozenset()))
 
     def log_odds(self, effects: Iterable[str]) -> float:
         """Logarithm of the prior odds of a set against the empty one."""

@@ -148,7 +148,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     tied += _within_tolerance(contest, selection, noise, by_itself, winner)
     every, small = _simplest(tied), frozenset(selection.small)
     of_small = tuple(t for t in every if t.instead_of and small >= set(t.instead_of))
-    return Ties(tuple(t for t in every if t not in of_small), of_small, tuple(contains), winner, found)
+    return Ties(tuple(t for t in every if t not in of_small), of_small, _least(contains), winner, found)
 
 
 def _takes_the_place(instead: Effects, gone: Effects, catalog: Mapping[str, type[Effect]]) -> bool:
@@ -251,6 +251,15 @@ def _simplest(tied: list[Alternative]) -> tuple[Alternative, ...]:
     for other in ranked:
         excess.setdefault(other.instead_of, len(other.effects) - len(other.instead_of))
     return tuple(other for other in ranked if len(other.effects) - len(other.instead_of) == excess[other.instead_of])
+
+
+def _least(contains: list[Alternative]) -> tuple[Alternative, ...]:
+    """Without those that hold another one, in the same place, and more."""
+    return tuple(
+        one
+        for one in contains
+        if not any(one.instead_of == other.instead_of and set(one.effects) > set(other.effects) for other in contains)
+    )
 
 
 def _apart(contest: Contest, noise: Noise, one: End, other: End) -> float:

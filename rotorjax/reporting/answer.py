@@ -44,8 +44,11 @@ def told(found: Explanation) -> str:
 
 
 def misses(found: Explanation) -> str:
-    """How far the model as declared is off."""
-    return f"The model as declared differs from the measurement by {misfit_share(found.story.declared)}."
+    """How far the model as declared is off, and what fitting the values declared uncertain leaves of that."""
+    story, fitted = found.story, ""
+    if found.slip is None and story.fits and story.fits[0].estimates:
+        fitted = f", with the values declared uncertain fitted by {number(story.views[0].rms / MICROMETRE)} µm rms"
+    return f"The model as declared differs from the measurement by {misfit_share(story.declared)}{fitted}."
 
 
 def _missing(found: Explanation) -> str:
