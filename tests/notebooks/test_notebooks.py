@@ -13,6 +13,8 @@ LARGEST_KB = 500
 SECONDS = 600
 """For one cell."""
 
+SLOW = ("07_an_effect_of_your_own",)
+
 every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
@@ -49,7 +51,11 @@ def test_asserts_and_shows_something(path):
     assert any("image/png" in output.get("data", {}) for cell in cells for output in cell.outputs)
 
 
-@every_notebook
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.campaign] if path.stem in SLOW else []) for path in NOTEBOOKS],
+    ids=lambda path: path.stem,
+)
 def test_executes_anew(path, tmp_path):
     folder = tmp_path / "notebooks"
     folder.mkdir()

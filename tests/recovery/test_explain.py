@@ -131,6 +131,7 @@ def test_a_hundred_healthy_rotors():
     assert accused(range(100)) <= 2
 
 
+@pytest.mark.campaign
 def test_two_effects_at_once():
     model, measurement, (delay,) = hidden.sufficient(effects.TimeDelay, seed=5, factor=0.5)
     plan = dataclasses.replace(_plan_of(measurement), speeds=tuple(np.unique(np.asarray(measurement.conditions.speed))))
@@ -235,7 +236,9 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize("name", POOR)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.campaign] if name == "sigma too small" else []) for name in POOR]
+)
 def test_poor_data_get_a_verdict_with_its_reason(name):
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
     found = explain(model, POOR[name](measurement))
@@ -264,7 +267,8 @@ def test_no_effect_beyond_those_allowed():
     found = explain(model, measurement, only=("probe_gain", "runout"), thorough=False)
     assert "cross_coupling" not in names_open(found)
     assert found.verdict == "unexplained"
-    assert explain(model, measurement, exclude=("cross_coupling",), thorough=False).effects != ("cross_coupling",)
+    few = {"only": ("cross_coupling", "probe_gain"), "exclude": ("cross_coupling",)}
+    assert "cross_coupling" not in names_open(explain(model, measurement, **few, thorough=False))
     assert explain(model, measurement, max_effects=0, thorough=False).effects == ()
     with pytest.raises(ValueError, match="unknown effect 'magic'"):
         explain(model, measurement, only=("magic",))
@@ -310,6 +314,7 @@ def test_what_is_below_the_noise_is_fitted_along():
     assert step_labels(found.story)[-1] == "+ residual_unbalance (with runout)"
 
 
+@pytest.mark.campaign
 def test_what_was_small_beside_less_goes_where_it_is_no_longer_needed():
     """A turned probe stood for part of a delay until that was found; then nothing in its place is an effect either."""
     drawn = drawn_effects.draw(31072)
@@ -355,6 +360,7 @@ def test_signs_of_half_orders_change_nothing():
     assert one.verdict == other.verdict == "explained"
 
 
+@pytest.mark.campaign
 def test_half_orders_alone():
     model, measurement = half_order_data(np.ones(8), size=3e-6)
     alone = dataclasses.replace(
@@ -367,6 +373,7 @@ def test_half_orders_alone():
     assert explain(model.with_orders((0.5,)), alone, thorough=False).effects == ("runout",)
 
 
+@pytest.mark.campaign
 def test_parts_that_a_chain_gain_stands_for_are_named_beside_it():
     """A phase reference offset, and probes that read too much by 4.0 and 4.5 %: one complex gain in other words."""
     drawn = drawn_effects.draw(446)
@@ -403,7 +410,11 @@ def test_what_fits_as_well_with_more_parameters_ties_or_contains_the_answer():
 
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [("runout", [4e-6, 8e-6, 8e-6, -4e-6]), ("stiffness_error", [0.03, 0.03]), ("probe_gain", [0.1, 0.0])],
+    [
+        pytest.param("runout", [4e-6, 8e-6, 8e-6, -4e-6], marks=pytest.mark.campaign),
+        pytest.param("stiffness_error", [0.03, 0.03], marks=pytest.mark.campaign),
+        ("probe_gain", [0.1, 0.0]),
+    ],
 )
 def test_simpler_forms_of_an_effect_do_not_pay_for_all_its_parameters(effect: str, values: list[float]):
     """Well below the resonance, where others with fewer parameters do nearly as well: an eccentric probe track, which
@@ -435,6 +446,7 @@ def test_limit_on_the_number_of_effects_is_kept_and_named():
         assert f"no more than {most} effects were to be added, and" in sentence(found)
 
 
+@pytest.mark.campaign
 def test_a_tie_without_the_first_order():
     """Twice per turn only: resonances are looked for at 1X all the same."""
     model, measurement, _ = hidden.sufficient(effects.Misalignment, seed=2)

@@ -88,6 +88,7 @@ def test_term_is_named(words):
     assert len(found) == 1
 
 
+@pytest.mark.campaign
 def test_the_response_corrects_a_stop():
     force, _, values = HIDDEN["stop on one side along y at -0.11 mm"]
     declared = fit(MODEL, measure(force), free=(), held_out=False)
@@ -98,6 +99,7 @@ def test_the_response_corrects_a_stop():
     assert_near({e.entry.label: e.value for e in found.fit.estimates}, values, 0.03)
 
 
+@pytest.mark.campaign
 def test_what_does_hardly_worse_is_said():
     """A stop on either side, of which the weight lets the rotor reach one: the other cannot be seen, so that either
     name comes first.

@@ -30,7 +30,7 @@ def run_ups(rate: float, hidden: complex = 0.0) -> tuple[Model, Measurement]:
     return Model(Jeffcott(MACHINE.mass, MACHINE.stiffness, MACHINE.ratio)), measurement
 
 
-@pytest.mark.parametrize("rate", [3.0, -24.0])
+@pytest.mark.parametrize("rate", [pytest.param(3.0, marks=pytest.mark.campaign), -24.0])
 def test_the_rate_is_found(rate):
     found = explain(*run_ups(rate), thorough=False)
     assert (found.verdict, found.effects) == ("explained", ("sweep_rate",))
@@ -40,6 +40,7 @@ def test_the_rate_is_found(rate):
     assert any("state it in a column sweep_rpm_per_s" in line for line in notes(found))
 
 
+@pytest.mark.campaign
 def test_with_an_unbalance_beside_it():
     found = explain(*run_ups(24.0, 6e-6j), thorough=False)
     assert found.verdict == "explained"

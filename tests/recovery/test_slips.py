@@ -88,7 +88,7 @@ CAMPAIGN = pytest.mark.campaign
         pytest.param(mil, "amplitude_unit", marks=CAMPAIGN),
         pytest.param(exchanged_cables, "probes_exchanged", marks=CAMPAIGN),
         pytest.param(exchanged_runs, "runs_exchanged.trial-a.trial-b", marks=CAMPAIGN),
-        (no_mistake, None),
+        pytest.param(no_mistake, None, marks=CAMPAIGN),
     ],
 )
 def test_a_mistake_is_named_with_the_effects_beside_it(tmp_path, mistake, name):
@@ -117,6 +117,7 @@ def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path)
     assert not any(slip.kind == "phase_sign_reversed" for slip in slips(rig.model, measurement, ["amplitude_unit"]))
 
 
+@pytest.mark.campaign
 def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
     """A vertical rotor whose rig file states a weight: forces that depend on motion make up for that without end."""
     plan = Plan(

@@ -17,6 +17,8 @@ import make_hidden
 
 TRUTH = tomllib.loads((Path(__file__).parents[2] / "experiments" / "hidden_truth.toml").read_text(encoding="utf-8"))
 
+SLOW = ("case_3", "case_5")
+
 
 def told(*parts: str, rig_name: str = "rig.toml", **options) -> tuple[Rig, object]:
     with as_file(files("rotorjax") / "data") as data:
@@ -81,7 +83,9 @@ def test_scatter_between_mountings_is_quantified(rk4):
     assert any("Scatter between runs" in line for line in notes(rk4))
 
 
-@pytest.mark.parametrize("case", TRUTH)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.campaign] if case in SLOW else []) for case in TRUTH]
+)
 def test_hidden_effects(case):
     _, found = told("hidden", case)
     assert set(found.effects) | {s.effect for s in found.detected_but_small} == set(TRUTH[case])
@@ -98,6 +102,7 @@ def test_hidden_effects(case):
     assert any("with what was added" in title for title in where) == bool(TRUTH[case])
 
 
+@pytest.mark.campaign
 def test_the_paper_with_sensor_noise_alone():
     """Bow or gain and phase leave some 120 µm of 750: unexplained, and what would decide."""
     _, found = told("paper")
