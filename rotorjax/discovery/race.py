@@ -188,6 +188,12 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
 
 
+def share_counted(contest: Contest, noise: Noise) -> float:
+    """Share of the cost of the data that counts: where a misfit is allowed for, that of independent numbers."""
+    numbers = np.count_nonzero(contest.measurement.weights(noise.allowance))
+    return min(1.0, contest.independent_numbers / numbers) if noise.allowance > 0.0 else 1.0
+
+
 def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: bool = True) -> float:
     """Log evidence and prior odds, ``normalised`` by the size of the noise, so that different noises compare.
 
@@ -203,7 +209,7 @@ def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: b
     logarithm += 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
     every = np.ones(len(error), bool)
     cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
-    share = min(1.0, contest.independent_numbers / len(used)) if noise.allowance > 0.0 else 1.0
+    share = share_counted(contest, noise)
     prior = log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost
     return -share * (cost + normalised * logarithm) + prior + contest.log_odds(contender.effects)
 

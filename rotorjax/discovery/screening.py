@@ -93,6 +93,10 @@ class Screened(NamedTuple):
         occam = 0.5 * float(np.linalg.slogdet(self.end.curvature[np.ix_(own, own)])[1])
         return self.end.cost + occam - self.change.log_odds
 
+    def counting(self, share: float) -> float:
+        """The same with a share of what the data cost."""
+        return self.cost - (1.0 - share) * self.end.data_cost
+
     @property
     def holds(self) -> bool:
         """Whether what the fit leaves, and the size of its values, are no more than noise and priors allow."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from rotorjax.data.declarations import Slip, log_odds, promising, slips
 from rotorjax.discovery.contest import Contest
-from rotorjax.discovery.race import score
+from rotorjax.discovery.race import score, share_counted
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, dear, of_what_fails, screen
 from rotorjax.discovery.search import Progress, Selection, select
@@ -108,8 +108,8 @@ def race_of_slips(
     stated = stated or screen(Change(None, contest), noise)
     if not screened:
         progress("whether something was written down wrongly")
-        least = _least(own, noise)
-        screened = [screen(change, noise, hopeless=-least) for change in changes]
+        hopeless = _hopeless(own, noise)
+        screened = [screen(change, noise, hopeless=hopeless) for change in changes]
     near = _near(own, stated, screened, noise, beside_forces=doubtful)
     if unfinished:
         share = budget.left / max(1, len(near))
@@ -162,6 +162,16 @@ def _least(own: Alternative, noise: Noise) -> float:
     return score(contest, own.selection.known[own.selection.present], noise, normalised=False) - TIE
 
 
+def _hopeless(answer: Alternative, noise: Noise) -> float:
+    """Cost of a change from which on it cannot do as well as an answer under a noise."""
+    return -_least(answer, noise) / share_counted(answer.selection.contest, noise)
+
+
+def _in_reach(one: Screened, answer: Alternative, noise: Noise) -> bool:
+    """Whether a change may do as well as an answer under a noise."""
+    return -one.counting(share_counted(answer.selection.contest, noise)) > _least(answer, noise)
+
+
 def _without_what_is_stated(stated: Screened, ahead: list[Screened], most: int, progress: Progress) -> Race | None:
     """Changes with which linear effects leave far less than with what is stated, or hold within the noise where they do
     not: if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for
@@ -196,7 +206,7 @@ def _with_near(
     found, cut_off, holds = [first], list[Slip](), first.misfit <= noise.allowance
     for one in near:
         budget = one.change.contest.budget
-        if budget.exhausted or (holds and -one.cost < max(_least(other, noise) for other in found)):
+        if budget.exhausted or (holds and not all(_in_reach(one, other, noise) for other in found)):
             break
         before = budget.spent
         with budget.share(share):
@@ -238,14 +248,14 @@ def _near(
         if beside:
             likely += [one for one in screened if one.change.of_weight and one not in likely]
         return sorted(likely, key=lambda one: one.cost)[:MOST_SEARCHED]
-    least = _least(own, noise)
     with_forces = [one for one in screened if beside and (beside_forces or one.change.of_weight)]
-    near = [one for one in screened if one not in with_forces and -one.cost > least and one.differs(stated)]
+    near = [one for one in screened if one not in with_forces and _in_reach(one, own, noise) and one.differs(stated)]
     found = [one.without(costly) for one in near]
     if with_forces:
         level = screen(stated.change, noise, answer)
-        fitted = [screen(one.change, noise, answer, hopeless=-least) for one in with_forces]
-        near = [one for one in fitted if -one.cost > least and one.differs(level)]
+        hopeless = _hopeless(own, noise)
+        fitted = [screen(one.change, noise, answer, hopeless=hopeless) for one in with_forces]
+        near = [one for one in fitted if _in_reach(one, own, noise) and one.differs(level)]
         found += [one.without(costly - beside) for one in near]
     return sorted(found, key=lambda one: one.cost)
 
