@@ -26,6 +26,7 @@ from scoring import (
     rates,
     search_missed,
     weakest,
+    with_others_fitted,
 )
 
 mpl.use("Agg")
@@ -43,7 +44,8 @@ def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> s
     listed = "\n".join(f"- {key}: {value}" for key, value in about.items())
     oracle = (
         "*Oracle*: the answer, or the truth, fitted from its true values, where that is more probable in the same race "
-        "(ties: less than 3 behind)."
+        "(ties: less than 3 behind). *Others fitted*: what an effect improves once the parameters of all others are "
+        "fitted anew without it."
     )
     explained = (
         "*ECE*: expected calibration error; in brackets what as many probabilities that are exactly right would show "
@@ -120,16 +122,18 @@ def _cases(rows: Sequence[Row]) -> str:
     lines = []
     for row in rows:
         truth = " + ".join([*sorted(hidden(row)), *filter(None, [row["outside"]])]) or "nothing"
-        brings = ", ".join(f"{value:.0f}" for value in row["improvements"].values())
+        alone = ", ".join(f"{value:.0f}" for value in row["improvements"].values())
+        refitted = ", ".join(f"{value:.0f}" for value in with_others_fitted(row)["improvements"].values())
         ties = "; ".join(" + ".join(names) or "nothing" for names in row["ties"])
         answer = " + ".join(row["named"]) or "nothing"
         answer += f" (small: {', '.join(row['small'])})" if row.get("small") else ""
         p = row.get("probability")
         lines.append(
-            [row["seed"], truth, brings, f"{row['noise']:.0%}", row["poorer"], row["verdict"], answer, ties,
+            [row["seed"], truth, alone, refitted, f"{row['noise']:.0%}", row["poorer"], row["verdict"], answer, ties,
              "" if p is None else f"{p:.3g}", judged(row)]
         )  # fmt: skip
-    heads = ["seed", "hidden", "improves by", "noise", "poor", "verdict", "answer", "tied", "probability", "judged"]
+    heads = ["seed", "hidden", "improves by", "others fitted", "noise", "poor", "verdict", "answer", "tied", "probability"]
+    heads += ["judged"]
     return _table(lines, heads)
 
 

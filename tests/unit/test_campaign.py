@@ -148,6 +148,17 @@ def test_the_oracle_has_the_truth_where_it_is_more_probable_or_ties():
     assert all(r.oracle is None for r in scoring.rates([row()]))
 
 
+def test_what_the_others_fitted_anew_replace_need_not_be_named():
+    two = {"effects": ["duffing", "rub"], "improvements": {"duffing": 200.0, "rub": 90.0}, "named": ["duffing"]}
+    less, more = row(**two, brings={"duffing": 150.0, "rub": 8.0}), row(**two, brings={"rub": 40.0})
+    assert [scoring.judged(scoring.with_others_fitted(r)) for r in (less, more)] == ["right", "WRONG"]
+    found = {r.name: r for r in scoring.rates([less, more])}
+    assert found["all: confident and wrong"].count == 2
+    assert found["the same, what counts as seen with all others fitted anew"].count == 1
+    beside = found["the same, each seen with the other fitted anew"]
+    assert (beside.count, beside.total) == (0, 1)
+
+
 def test_readings_settle_a_tie_if_one_explanation_is_left():
     both = {"named": ["rub"], "ties": [["duffing"]]}
     readings = {"separates": [["rub"], ["duffing"]], "proposed": {"named": ["duffing"], "ties": []}, "random": both}
