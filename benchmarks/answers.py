@@ -28,6 +28,7 @@ def answer(found: Explanation) -> dict[str, Any]:
         "set95": [sorted(names) for names in _smallest(joint)],
         "ties": [sorted(names) for names in _alternatives(found, found.ties.tied)]
         + [sorted(other.named) for other in found.written.tied],
+        "tie_gaps": [round(tied.gap, 2) for tied in found.ties.tied],
         "contains": [sorted(names) for names in _alternatives(found, found.ties.contains)],
         "small": [small.effect for small in found.detected_but_small],
         "small_ties": found.ties.small_groups(),

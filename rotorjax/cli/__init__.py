@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, run: Callable[[argparse.Namespace], None], what: str) -> argparse.ArgumentParser:
-        sub = subparsers.add_parser(name, help=what, description=what)
+        sub = subparsers.add_parser(name, help=what.replace("%", "%%"), description=what)
         sub.set_defaults(command=run)
         return sub
 

@@ -1,7 +1,7 @@
 """The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -170,13 +170,15 @@ def log_likelihood(contest: Contest, noise: Noise) -> Callable[[float], float]:
     return log_of
 
 
-def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noise) -> Contender:
+def contender_of(
+    contest: Contest, effects: Effects, ends: Sequence[End], noise: Noise, *, wide: bool = False
+) -> Contender:
     """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else
     none.
 
     Beside the lowest only those count that are at their end: of one given up on the way nobody knows where it leads.
 
-    See `rotorjax.inference.evidence`. Where the noise is a misfit of unknown size it is marginalised (Jeffreys prior):
+    See `rotorjax.inference.evidence`, for ``wide`` too. Where the noise is a misfit of unknown size it is marginalised (Jeffreys prior):
     (n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
     log_of = log_likelihood(contest, noise)
@@ -184,7 +186,7 @@ def contender_of(contest: Contest, effects: Effects, ends: list[End], noise: Noi
     if not distinct:
         return Contender(effects, (best_of(ends),), -math.inf, noise)
     counted = [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]
-    terms = [log_evidence(end, contest.space, log_of) for end in counted]
+    terms = [log_evidence(end, contest.space, log_of, wide=wide) for end in counted]
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
 
 

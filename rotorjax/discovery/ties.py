@@ -67,10 +67,9 @@ class Ties(NamedTuple):
         effects at most.
         """
         allowed = max(most, len(self.winner.effects))
-        others = [*self.tied, *self.of_small]
-        possible = [t.contender for t in others if t.instead_of and len(t.contender.effects) <= allowed]
-        best = max([self.winner, *possible], key=contest.log_posterior)
-        return None if best is self.winner else best
+        fitted = [c for c in self.raced.values() if c.fitted_under(self.winner.noise) and len(c.effects) <= allowed]
+        best = max([self.winner, *fitted], key=contest.log_posterior)
+        return None if best.effects == self.winner.effects else best
 
 
 def _by_part(tied: tuple[Alternative, ...]) -> list[list[list[str]]]:
@@ -105,9 +104,9 @@ def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[
 def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
     """Race every alternative to a part of the answer, under the noise that the answer leaves.
 
-    An alternative ties if its log evidence is less than 3 behind, or if it leads where the tolerance of the model's
-    form is noise of every vector by itself. Whether it then predicts the same, or differs and fits no worse, is told
-    with it. One further behind, with more determined parameters, that fits no better, or not by so much that these
+    An alternative ties if its log evidence is less than 3 behind, also if only where all effects may be three times as
+    strong as declared, or if it leads where the tolerance of the model's form is noise of every vector by itself.
+    Whether it then predicts the same, or differs and fits no worse, is told with it. One further behind, with more determined parameters, that fits no better, or not by so much that these
     would pay, contains the answer, as does one nearer of which the answer is a special case: that is no tie.
     """
     answer = selection.present
@@ -130,7 +129,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
     by_itself = _tolerance_by_itself(contest, noise, winner)
-    leads = _leads_under(contest, by_itself, winner, others)
+    otherwise = _leads_under(contest, by_itself, winner, others) | _near_if_strong(contest, noise, winner, others)
     tied, contains = [], []
     for other in sorted(others, key=lambda c: -c.log_evidence):
         gone, instead = answer - other.effects, other.effects - answer
@@ -141,7 +140,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         larger = gap > 0.0 and other.best.determined.shape[1] > winner.best.determined.shape[1]
         better = winner.best.cost - other.best.cost
         more = not gone or contest.is_special_case(gone, instead)
-        if (gap < TIE or other.effects in leads) and not (more and larger and abs(better) < AS_GOOD):
+        if (gap < TIE or other.effects in otherwise) and not (more and larger and abs(better) < AS_GOOD):
             tied.append(alternative)
         elif larger and better > -AS_GOOD and _takes_the_place(instead, gone, catalog):
             contains.append(alternative)
@@ -173,6 +172,18 @@ def _leads_under(contest: Contest, data: Data | None, winner: Contender, others:
         return set()
     own = _evidence_under(contest, data, winner)
     return {c.effects for c in others if _evidence_under(contest, data, c) > own}
+
+
+def _near_if_strong(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
+    """Those of the others that tie where effects may be three times as strong as declared: by nothing but its declared
+    scale an effect that fits as well is not excluded.
+    """
+
+    def wide(contender: Contender) -> float:
+        return contender_of(contest, contender.effects, contender.ends, noise, wide=True).log_evidence
+
+    own = wide(winner)
+    return {c.effects for c in others if own - wide(c) < TIE}
 
 
 def _evidence_under(contest: Contest, data: Data, contender: Contender) -> float:

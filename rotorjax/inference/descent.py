@@ -278,6 +278,6 @@ def distinct_of(ends: Sequence[End]) -> list[End]:
     return found
 
 
-def best_of(ends: list[End]) -> End:
+def best_of(ends: Sequence[End]) -> End:
     """The descent that ended lowest: among those whose motions balance, if there are."""
     return min(ends, key=lambda end: (not math.isfinite(end.cost), not end.exact, end.cost))

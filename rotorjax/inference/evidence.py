@@ -37,6 +37,8 @@ STEP = 3.0
 """From one prior scale to the next."""
 LARGEST, LARGEST_OPEN = 0, 7
 """Largest power of it: in general, and of a size that is left open (`rotorjax.inference.prior`)."""
+LARGEST_WIDE = 1
+"""In general, where it is asked what depends on the declared scale."""
 SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
 LEAST = -12
@@ -45,17 +47,18 @@ ACROSS = 0.01
 """Standard deviation across the directions of a form, over that along them."""
 
 
-def log_evidence(end: End, space: Space, log_of: Callable[[float], float]) -> float:
+def log_evidence(end: End, space: Space, log_of: Callable[[float], float], *, wide: bool = False) -> float:
     """Logarithm of the evidence of one optimum, up to a constant of the data; at the declared scales where the fit did
     not converge, for nothing can be told from there.
 
-    **Arguments:** ``log_of``: logarithm of the likelihood times the prior's density at a cost.
+    **Arguments:** ``log_of``: logarithm of the likelihood times the prior's density at a cost; ``wide``: effects may be
+    three times as strong as declared.
     """
     own = log_of(end.cost) - 0.5 * float(np.linalg.slogdet(end.curvature)[1])
     if end.result != CONVERGED:
         return own
     optimum, total = _Optimum.of(end, together(np.asarray(space.open_size)[end.free])), own
-    for group, widths in left_open(end, space):
+    for group, widths in left_open(end, space, wide=wide):
         logs = optimum.under(group, np.stack(widths), log_of)
         total += float(np.logaddexp.reduce(logs)) - np.log(len(logs)) - own
     return total
@@ -69,7 +72,9 @@ def _determined(end: End) -> Float[np.ndarray, "free"]:
     return width * (kept @ (kept.T @ (end.point[end.free] / width)))
 
 
-def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"], list[Float[np.ndarray, "part part"]]]]:
+def left_open(
+    end: End, space: Space, *, wide: bool = False
+) -> Iterator[tuple[Int[np.ndarray, "part"], list[Float[np.ndarray, "part part"]]]]:
     """Free unknowns whose prior is averaged over, together, and the priors: the matrices T that make unknowns T w of
     unknowns w with the declared one.
     """
@@ -84,7 +89,8 @@ def left_open(end: End, space: Space) -> Iterator[tuple[Int[np.ndarray, "part"],
         group = np.array(list(labels.values()))
         shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels), told[np.ix_(group, group)])]
         if number >= 0:
-            largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else LARGEST
+            usual = LARGEST_WIDE if wide else LARGEST
+            largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else usual
             scales = factors(told, end.prior.weight, group, largest)
             yield group, [scale * shape for scale in scales for shape in shapes]
         elif len(shapes) > 1:

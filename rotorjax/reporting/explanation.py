@@ -78,7 +78,7 @@ def _why_tied(tied: Alternative) -> str:
     if not tied.instead_of:
         return "within the tolerance of the model's form"
     same = "differs elsewhere, not less" if tied.apart > ALIKE else "predicts the same within the error"
-    return same if tied.gap < TIE else f"{same}; leads under wider or narrower priors, or without the tolerance"
+    return same if tied.gap < TIE else f"{same}; if effects may be three times as strong, or without the tolerance"
 
 
 def notes(found: Explanation) -> list[str]:

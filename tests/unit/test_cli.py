@@ -204,6 +204,17 @@ def test_simulate_speeds_without_noise(tmp_path):
     assert len(lines) == 1 + 2 * 3 * 2 * 2
 
 
+def test_help_names_every_command_and_each_has_its_own(capsys):
+    with pytest.raises(SystemExit, match="^0$"):
+        run("--help")
+    commands = re.findall(r"^    ([a-z-]+)(?=$|  )", capsys.readouterr().out, re.MULTILINE)
+    assert {"compare", "explain", "explain-many", "diagnose", "paper"} <= set(commands)
+    for name in commands:
+        with pytest.raises(SystemExit, match="^0$"):
+            run(name, "--help")
+        assert f"rotorjax {name}" in capsys.readouterr().out
+
+
 def test_effects_and_version(capsys):
     assert run("effects") == 0
     assert run("effects", "foundation") == 0
