@@ -65,7 +65,7 @@ def _joint(found: Explanation) -> dict[frozenset[str], float]:
     """Set, with what is too small to matter -> probability among all sets that were fitted under the noise that the
     answer leaves, its swaps and additions; mistakes other than the one in the answer take their share.
     """
-    mistake = () if found.slip is None else (found.slip.name,)
+    mistake = () if found.mistake is None else (found.mistake.name,)
     contenders = [*found.ties.raced.values(), found.ties.winner, *(r.contender for r in found.rankings[-1])]
     logs: dict[frozenset[str], float] = {}
     for c in contenders:

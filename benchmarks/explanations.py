@@ -32,7 +32,7 @@ from rotorjax.discovery.ties import Alternative
 from rotorjax.reporting.tables import number
 
 from drawn_effects import Hidden, draw
-from drawn_slips import draw_with_mistake
+from drawn_mistakes import draw_with_mistake
 
 ROOT = Path(__file__).resolve().parent.parent
 ABOUT = """One effect of the catalogue or two, or none, drawn by seed with machine, plan, noise and what is poor about
@@ -51,7 +51,7 @@ class Drawn(NamedTuple):
     """A case: its seed, and whether every second one has a mistake in rig file or table."""
 
     seed: int
-    slips: bool
+    mistakes: bool
 
 
 def judged(hidden: Hidden, found: Explanation, mistake: str | None = None) -> str:
@@ -78,7 +78,7 @@ def _replaced(answer: set[str], others: tuple[Alternative, ...]) -> list[set[str
 def explained(drawn: Drawn) -> dict[str, Any]:
     """One case: its row of the table, and how long it took."""
     use_double_precision()
-    hidden, mistake = draw_with_mistake(drawn.seed) if drawn.slips else (draw(drawn.seed), None)
+    hidden, mistake = draw_with_mistake(drawn.seed) if drawn.mistakes else (draw(drawn.seed), None)
     found, seconds = timed(lambda: explain(hidden.model, hidden.measurement))
     spare_memory_maps()
     story = found.story
@@ -124,7 +124,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=730, help="seed to begin with (%(default)s)")
     parser.add_argument("--seeds", type=int, default=50, help="number of cases (%(default)s)")
     parser.add_argument(
-        "--slips",
+        "--mistakes",
         action="store_true",
         help="every second case with a mistake in rig file or table",
     )
@@ -135,8 +135,8 @@ def main() -> None:
     if arguments.output:
         arguments.output.mkdir(parents=True, exist_ok=True)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    cases = [Case(str(seed), Drawn(seed, arguments.slips)) for seed in seeds]
-    configuration = {"slips": arguments.slips, "sources": sources()}
+    cases = [Case(str(seed), Drawn(seed, arguments.mistakes)) for seed in seeds]
+    configuration = {"mistakes": arguments.mistakes, "sources": sources()}
     with (
         tempfile.TemporaryDirectory() as folder,
         Store(arguments.keep or Path(folder) / "rows.sqlite", configuration) as store,

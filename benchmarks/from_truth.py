@@ -33,7 +33,7 @@ def against_truth(found: Explanation, row: dict[str, Any]) -> dict[str, Any]:
     mistake, or none: it is then about other data. **Arguments:** ``row``: what is true, as `detailed.files.truth` tells
     it.
     """
-    mistake = None if found.slip is None else found.slip.name
+    mistake = None if found.mistake is None else found.mistake.name
     if row["outside"] is not None or row["mistake"] != mistake:
         return {"lead_of_truth": None, "brings": None}
     contest = dataclasses.replace(found.contest, budget=Budget())

@@ -33,7 +33,7 @@ def after_further_readings(case: Case, found: Explanation) -> dict[str, Any] | N
     """
     proposal = found.next_measurement
     limits = case.stated.limits
-    if proposal is None or limits is None or case.mistake is not None or found.slip is not None:
+    if proposal is None or limits is None or case.mistake is not None or found.mistake is not None:
         return None
     rng = np.random.default_rng([815, case.seed])
     runs = [*case.plan.runs, ONE_TRIAL_WEIGHT, *([NOTHING_INSTALLED] if _all_installed(case) else [])]

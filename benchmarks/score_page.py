@@ -132,7 +132,18 @@ def _cases(rows: Sequence[Row]) -> str:
             [row["seed"], truth, alone, refitted, f"{row['noise']:.0%}", row["poorer"], row["verdict"], answer, ties,
              "" if p is None else f"{p:.3g}", judged(row)]
         )  # fmt: skip
-    heads = ["seed", "hidden", "improves by", "others fitted", "noise", "poor", "verdict", "answer", "tied", "probability"]
+    heads = [
+        "seed",
+        "hidden",
+        "improves by",
+        "others fitted",
+        "noise",
+        "poor",
+        "verdict",
+        "answer",
+        "tied",
+        "probability",
+    ]
     heads += ["judged"]
     return _table(lines, heads)
 

@@ -83,7 +83,7 @@ class Task(NamedTuple):
     max_effects: int = 3
     only: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()
-    slips: bool | None = None
+    mistakes: bool | None = None
     """Whether mistakes in rig file and table are raced: always, never, or where nothing else explains the data."""
 
 
@@ -115,7 +115,7 @@ def _explained(task: Task) -> dict[str, Any]:
         max_effects=task.max_effects,
         only=task.only,
         exclude=task.exclude,
-        slips=task.slips,
+        mistakes=task.mistakes,
     )
     if task.report:
         _write_report(

@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     _serve(command("serve", serve, "a page on this machine to drop files on: explain in the browser"))
     _diagnose(command("diagnose", commands.diagnose, "unbalance and bow of every run, with 95 % intervals"))
     _simulate(command("simulate", commands.simulate, "make a measurement table from a model"))
-    _vectors(command("vectors", recordings.vectors, "recordings in time to a measurement table"))
+    _vectors(command("vectors", recordings.vectors, "waveforms (recordings over time) to a measurement table"))
     sub = command("effects", commands.effects, "the catalogue of effects, or one of them in full")
     sub.add_argument("name", nargs="?", metavar="NAME", help="an effect of the catalogue; all of them by default")
     sub = command("paper", commands.paper, "every table and figure of Huang et al. 2026 (Sensors 26:2565), recomputed")
@@ -78,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--output", type=Path, default=Path("paper_tables"), metavar="DIR", help=what)
     sub = command("example", commands.example, "write a table, a rig file and what to type: a start for your own data")
     sub.add_argument("folder", type=Path, metavar="DIR", help="folder to write to, made if it does not exist")
-    what = "recordings in time instead of a table, with a rig file that says what they are"
+    what = "waveforms (recordings over time) instead of a table, with a rig file that says what they are"
     sub.add_argument("--recordings", action="store_true", help=what)
     return parser
 
@@ -124,11 +124,11 @@ def _race(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
     sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
-    slips = (
-        "race mistakes in what rig file and table state too (rotation, signs, units, exchanged probes or runs, ...): "
-        "always, or never; by default where nothing else explains the data"
+    mistakes = (
+        "test mistakes in rig file and table too (rotation, signs, units, exchanged probes or runs, ...): always, or "
+        "never; by default where nothing else explains the data, or only an effect of the measuring chain does"
     )
-    sub.add_argument("--slips", action=argparse.BooleanOptionalAction, help=slips)
+    sub.add_argument("--mistakes", action=argparse.BooleanOptionalAction, help=mistakes)
 
 
 def _diagnose(sub: argparse.ArgumentParser) -> None:
@@ -152,7 +152,7 @@ def _simulate(sub: argparse.ArgumentParser) -> None:
 
 
 def _vectors(sub: argparse.ArgumentParser) -> None:
-    what = "recordings, or the rig file alone: then those that its [recordings] name"
+    what = "waveform files, or the rig file alone: then those that its [recordings] name"
     sub.add_argument("files", type=Path, nargs="*", metavar="FILE", help=what)
     sub.add_argument(
         "--rig", type=Path, metavar="RIG.toml", help="rig file: which channel is what, which run a file holds"
@@ -168,7 +168,7 @@ def _vectors(sub: argparse.ArgumentParser) -> None:
 def _inputs(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("data", type=Path, nargs="?", metavar="DATA.csv", help="measurement table, with --rig")
     _rig(sub, required=False)
-    what = "instead of table and rig file: a rig file whose [recordings] name recordings in time"
+    what = "instead of table and rig file: a rig file whose [recordings] name the waveforms (not a waveform file)"
     sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
 
 

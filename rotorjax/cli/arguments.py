@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
-    from rotorjax.data.declarations import Slip
+    from rotorjax.data.declarations import Mistake
     from rotorjax.data.measurement import Measurement
     from rotorjax.model.contract import Effect
     from rotorjax.model.model import Model
@@ -53,11 +53,11 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
     return effects, frozenset(fixed)
 
 
-def parse_slip(texts: list[str], model: "Model", measurement: "Measurement") -> "tuple[Slip | None, list[str]]":
+def parse_mistake(texts: list[str], model: "Model", measurement: "Measurement") -> "tuple[Mistake | None, list[str]]":
     """The mistake in rig file or table among ``--effect`` options, if there is one, and the other options: by its name,
     ``runs_exchanged.A.B``, or as ``runs_exchanged:A=trial-a,B=trial-b``, whatever stands before the equals signs.
     """
-    from rotorjax.data.declarations import KINDS, slips
+    from rotorjax.data.declarations import KINDS, mistakes
     from rotorjax.data.section import nearest
 
     found, others = [], []
@@ -68,14 +68,14 @@ def parse_slip(texts: list[str], model: "Model", measurement: "Measurement") -> 
             continue
         name, _, about = text.partition(":")
         wanted = ".".join([name, *(part.partition("=")[2] for part in filter(None, about.split(",")))])
-        known = {slip.name: slip for slip in slips(model, measurement, [kind])}
+        known = {mistake.name: mistake for mistake in mistakes(model, measurement, [kind])}
         # What is exchanged may be named in either order.
-        backwards = {".".join((kind, *reversed(slip.about))): slip for slip in known.values()}
-        slip = (backwards | known).get(wanted)
-        if slip is None:
+        backwards = {".".join((kind, *reversed(mistake.about))): mistake for mistake in known.values()}
+        mistake = (backwards | known).get(wanted)
+        if mistake is None:
             what = nearest(wanted, known) if known else "what is stated excludes it, or it would change nothing"
             raise InputError(f"--effect {text}: no such mistake can be made here; {what}")
-        found.append(slip)
+        found.append(mistake)
     if len(found) > 1:
         raise InputError(f"--effect {found[1].name}: one mistake in rig file or table at a time")
     return (found[0] if found else None), others
@@ -91,8 +91,8 @@ def _beyond(model: "Model", name: str, given: dict[str, float]) -> dict[str, flo
     return {label: value - has[label] for label, value in given.items()}
 
 
-def effect_names(flag: str, text: str | None, *, slips: bool = True) -> tuple[str, ...] | None:
-    """Names of effects, separated by commas, all known; of mistakes in rig file and table too, but for ``slips``."""
+def effect_names(flag: str, text: str | None, *, with_mistakes: bool = True) -> tuple[str, ...] | None:
+    """Names of effects, separated by commas, all known; also those of mistakes, ``with_mistakes``."""
     if text is None:
         return None
     from rotorjax.data.declarations import KINDS
@@ -100,8 +100,10 @@ def effect_names(flag: str, text: str | None, *, slips: bool = True) -> tuple[st
     from rotorjax.effects import CATALOG
 
     names = tuple(name.strip() for name in text.split(",") if name.strip())
-    if not slips and (mistakes := [name for name in names if name in KINDS]):
-        raise InputError(f"{flag}: {mistakes[0]} is a mistake in rig file or table: it takes no part with --no-slips")
+    if not with_mistakes and (mistakes := [name for name in names if name in KINDS]):
+        raise InputError(
+            f"{flag}: {mistakes[0]} is a mistake in rig file or table: it takes no part with --no-mistakes"
+        )
     if unknown := [name for name in names if name not in CATALOG and name not in KINDS]:
         raise InputError(*(f"{flag}: unknown effect {name!r}; {nearest_effect(name, CATALOG)}" for name in unknown))
     if flag == "--only" and not names:

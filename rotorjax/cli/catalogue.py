@@ -16,7 +16,7 @@ _HEADERS = ("family", "effect", "what it is")
 def effect_told(name: str | None, width: int | None) -> str:
     """The catalogue, the page of an effect, or the effects whose name, meaning or synonyms have a word.
 
-    **Errors.** `InputError` with the nearest name for a word that finds nothing, or looks like a slip in a name.
+    **Errors.** `InputError` with the nearest name for a word that finds nothing, or looks like a mistake in a name.
     """
     catalogue = json.loads((files("rotorjax") / "data" / "catalogue.json").read_text(encoding="utf-8"))
     if name is None:
@@ -53,7 +53,7 @@ def _page(page: list[Any], width: int | None) -> str:
 
 def _found(name: str, catalogue: dict[str, Any]) -> dict[str, str]:
     """Effects that a word is about, and the synonym that it is in: by synonyms first, then by what is written of them;
-    none for what looks like a slip in a name.
+    none for what looks like a mistake in a name.
     """
     meant = meant_by(name, catalogue)
     if any(words_of(synonym) == words_of(name) for synonym in meant.values()):

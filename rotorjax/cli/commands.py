@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_slip
+from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_mistake
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.recordings import read_recorded, table_or_recordings
 from rotorjax.cli.terminal import note, say, terminal_width
@@ -16,7 +16,7 @@ from rotorjax.compilation import use_double_precision
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
-    from rotorjax.data.declarations import Slip
+    from rotorjax.data.declarations import Mistake
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.record_vectors import Records
     from rotorjax.data.rig import Rig
@@ -37,14 +37,14 @@ def compare(options: argparse.Namespace) -> None:
     from rotorjax.reporting.comparison_json import comparison_json
 
     rig, measurement, records = _measured(options)
-    slip, named = parse_slip(options.effect, rig.model, measurement)
+    mistake, named = parse_mistake(options.effect, rig.model, measurement)
     additions, fixed = parse_effects(named, rig.model.with_orders(measurement.orders))
     declared = {uncertain.effect for uncertain in measurement.knowledge.uncertain}
     if already := [effect.name for effect in additions if effect.name in declared]:
         raise InputError(
             f"--effect {already[0]}: the rig file declares it uncertain, so that it is fitted in any case; leave it out"
         )
-    story = tell(rig.model, measurement, additions, fixed=fixed, slip=slip)
+    story = tell(rig.model, measurement, additions, fixed=fixed, mistake=mistake)
     say(comparison_text(story, rig.convention, width=terminal_width()))
     _write_outputs(
         options,
@@ -53,7 +53,7 @@ def compare(options: argparse.Namespace) -> None:
         comparison_json(story),
         story,
         source.name if options.recordings else f"{source.name} against {options.rig.name}",
-        story.slip,
+        story.mistake,
         records,
     )
 
@@ -65,13 +65,13 @@ def _write_outputs(
     content: dict[str, Any],
     result: "Story | Explanation",
     title: str,
-    slip: "Slip | None",
+    mistake: "Mistake | None",
     records: "Records | None",
 ) -> None:
     """The files that a comparison or an explanation was asked for."""
-    if options.write_rig and not rig.write(options.write_rig, model, slip):
-        assert slip is not None
-        say(f"\n{options.write_rig} still goes with what was written down wrongly; change by hand: {slip.cure}.")
+    if options.write_rig and not rig.write(options.write_rig, model, mistake):
+        assert mistake is not None
+        say(f"\n{options.write_rig} still goes with what was written down wrongly; change by hand: {mistake.cure}.")
     if options.json:
         _write_json(options.json, content)
     if options.report:
@@ -86,7 +86,7 @@ def explain(options: argparse.Namespace) -> None:
     if options.max_effects < 0:
         raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
     only, exclude = (
-        effect_names(flag, text, slips=options.slips is not False)
+        effect_names(flag, text, with_mistakes=options.mistakes is not False)
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
     )
     with progress_line() as progress:
@@ -104,7 +104,7 @@ def explain(options: argparse.Namespace) -> None:
             max_effects=options.max_effects,
             only=only,
             exclude=exclude or (),
-            slips=options.slips,
+            mistakes=options.mistakes,
             progress=progress,
         )
     say(explanation_text(found, rig, width=terminal_width()))
@@ -115,7 +115,7 @@ def explain(options: argparse.Namespace) -> None:
         explanation_json(found, rig),
         found,
         f"{source.name}: what {'the model' if options.recordings else options.rig.name} lacks",
-        found.slip,
+        found.mistake,
         records,
     )
 

@@ -71,7 +71,11 @@ def _check(options: argparse.Namespace) -> None:
     if options.reports is not None and options.reports.exists() and not options.reports.is_dir():
         raise InputError(f"--reports {options.reports}: is a file; name a folder")
     for flag in ("only", "exclude"):
-        setattr(options, flag, effect_names(f"--{flag}", getattr(options, flag), slips=options.slips is not False))
+        setattr(
+            options,
+            flag,
+            effect_names(f"--{flag}", getattr(options, flag), with_mistakes=options.mistakes is not False),
+        )
 
 
 def _configuration(options: argparse.Namespace) -> dict[str, Any]:
@@ -83,7 +87,7 @@ def _configuration(options: argparse.Namespace) -> dict[str, Any]:
         "max_effects": options.max_effects,
         "only": options.only,
         "exclude": options.exclude,
-        "slips": options.slips,
+        "mistakes": options.mistakes,
         "reports": None if options.reports is None else str(options.reports.resolve()),
     }
 
@@ -114,7 +118,7 @@ def _cases(options: argparse.Namespace, found: "list[Pair]") -> "list[Case]":
                 options.max_effects,
                 options.only,
                 options.exclude or (),
-                options.slips,
+                options.mistakes,
             ),
             pair.digest,
         )

@@ -47,7 +47,7 @@ Stated = tuple[Model, Measurement]
 """What rig file and table state, as a model and a measurement."""
 
 
-class Slip(NamedTuple):
+class Mistake(NamedTuple):
     """One way in which what was written down may differ from what was done."""
 
     kind: str
@@ -116,25 +116,25 @@ def amplitude_changes(stated: Amplitude | None) -> list[AmplitudeChange]:
     ]
 
 
-def slips(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Slip]:
+def mistakes(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Mistake]:
     """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
     makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs)
-    return [slip for make in makers for slip in make(model, measurement) if slip.kind in kinds]
+    return [mistake for make in makers for mistake in make(model, measurement) if mistake.kind in kinds]
 
 
-def promising(model: Model, measurement: Measurement, every: list[Slip]) -> list[Slip]:
+def promising(model: Model, measurement: Measurement, every: list[Mistake]) -> list[Mistake]:
     """Alternatives without those about runs that leave influence coefficients much to explain.
 
     Whatever linear rotor it is, vectors at one speed, of one probe and order, are a constant plus one complex number
     for each plane, and for the bow, times what is installed. Of many runs those changes are kept that leave the least
     beside that.
     """
-    about_runs = [slip for slip in every if slip.about and set(slip.about) <= set(measurement.runs)]
+    about_runs = [mistake for mistake in every if mistake.about and set(mistake.about) <= set(measurement.runs)]
     if len(measurement.runs) < FEW_RUNS or len(about_runs) <= MOST_ABOUT_RUNS:
         return every
-    left = {slip.name: _beside_influence(slip.corrected(model, measurement)[1]) for slip in about_runs}
+    left = {mistake.name: _beside_influence(mistake.corrected(model, measurement)[1]) for mistake in about_runs}
     kept = set(sorted(left, key=lambda name: left[name])[:MOST_ABOUT_RUNS])
-    return [slip for slip in every if slip.name not in left or slip.name in kept]
+    return [mistake for mistake in every if mistake.name not in left or mistake.name in kept]
 
 
 def _beside_influence(m: Measurement) -> float:
@@ -154,7 +154,7 @@ def _beside_influence(m: Measurement) -> float:
     return total
 
 
-def _rotation(model: Model, _: Measurement) -> Iterator[Slip]:
+def _rotation(model: Model, _: Measurement) -> Iterator[Mistake]:
     """With reversed rotation x to y: the same rotor seen in a mirror, so that nothing need be compiled anew."""
     if len(model.layout.probes) < 2 or not hasattr(model.rotor, "rotation"):
         return
@@ -164,7 +164,7 @@ def _rotation(model: Model, _: Measurement) -> Iterator[Slip]:
         return dataclasses.replace(_with_gravity(model, np.array([1.0, -1.0])), probes=mirrored), m
 
     meaning = "the shaft turns the other way than the rig file says"
-    yield Slip("rotation_reversed", (), meaning, "[convention] rotation: write the other sense", corrected, True)
+    yield Mistake("rotation_reversed", (), meaning, "[convention] rotation: write the other sense", corrected, True)
 
 
 def reversed_rotation(model: Model) -> Model:
@@ -173,7 +173,7 @@ def reversed_rotation(model: Model) -> Model:
     return dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, rotation=other))  # pyright: ignore
 
 
-def _angles(_: Model, m: Measurement) -> Iterator[Slip]:
+def _angles(_: Model, m: Measurement) -> Iterator[Mistake]:
     turned = np.array([1.0, -1.0])
     unbalance, bow = np.asarray(m.conditions.unbalance), np.asarray(m.conditions.bow)
     if not np.any(unbalance[..., 1]) and not np.any(bow[..., 1]):
@@ -184,10 +184,10 @@ def _angles(_: Model, m: Measurement) -> Iterator[Slip]:
 
     meaning = "angles of weights were counted in the other sense than the rig file says"
     cure = "[convention] weight_angles: write the other of with-rotation and against-rotation"
-    yield Slip("weight_angles_reversed", (), meaning, cure, corrected)
+    yield Mistake("weight_angles_reversed", (), meaning, cure, corrected)
 
 
-def _phase(_: Model, m: Measurement) -> Iterator[Slip]:
+def _phase(_: Model, m: Measurement) -> Iterator[Mistake]:
     if m.knowledge.amplitude is None:
         return
 
@@ -196,10 +196,10 @@ def _phase(_: Model, m: Measurement) -> Iterator[Slip]:
 
     if np.any(np.imag(m.vectors[m.present])):
         meaning, cure = "phases lag where the rig file says lead, or the reverse", "[convention] phase: write the other"
-        yield Slip("phase_sign_reversed", (), meaning, cure, corrected)
+        yield Mistake("phase_sign_reversed", (), meaning, cure, corrected)
 
 
-def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
+def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
     """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
     if m.rms == 0.0:
         return
@@ -211,10 +211,10 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Slip]:
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
             return _with_participation(model, np.full(len(model.layout.probes), factor)), m
 
-        yield Slip(kind, about, meaning, cure, corrected)
+        yield Mistake(kind, about, meaning, cure, corrected)
 
 
-def _probes(model: Model, m: Measurement) -> Iterator[Slip]:
+def _probes(model: Model, m: Measurement) -> Iterator[Mistake]:
     names = m.probes_read
     for one, other in itertools.combinations(names, 2):
         order = np.arange(len(model.layout.probes))
@@ -227,7 +227,9 @@ def _probes(model: Model, m: Measurement) -> Iterator[Slip]:
 
         about = (one, other) if len(names) > 2 else ()
         cure = f"[probes]: exchange the directions of {one} and {other}"
-        yield Slip("probes_exchanged", about, f"the cables of probes {one} and {other} are exchanged", cure, exchanged)
+        yield Mistake(
+            "probes_exchanged", about, f"the cables of probes {one} and {other} are exchanged", cure, exchanged
+        )
     for name in names:
 
         def reversed_(model: Model, m: Measurement, name: str = name) -> Stated:
@@ -235,25 +237,30 @@ def _probes(model: Model, m: Measurement) -> Iterator[Slip]:
             return _with_participation(model, sign), m
 
         meaning = f"probe {name} has its sign reversed, or looks from the other side"
-        yield Slip("probe_reversed", (name,), meaning, f"[probes] {name}: add 180 to angle_deg", reversed_)
+        yield Mistake("probe_reversed", (name,), meaning, f"[probes] {name}: add 180 to angle_deg", reversed_)
 
 
-def _weight(model: Model, _: Measurement) -> Iterator[Slip]:
+def _weight(model: Model, _: Measurement) -> Iterator[Mistake]:
     gravity = getattr(model.rotor, "gravity", None)
     if gravity is None or not np.any(np.asarray(gravity)):
         return
     for kind, factor, meaning, cure in (
-        ("weight_absent", 0.0, "the shaft stands upright, where the rig file states a weight", '"none"'),
-        ("weight_direction", -1.0, "the weight acts the other way than the rig file says", "the other direction"),
+        ("weight_absent", 0.0, "the shaft is vertical, where the rig file states gravity", '"none"'),
+        (
+            "weight_direction",
+            -1.0,
+            "gravity acts in the opposite direction to what the rig file says",
+            "the other direction",
+        ),
     ):
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
             return _with_gravity(model, np.full(2, factor)), m
 
-        yield Slip(kind, (), meaning, f"[rotor] gravity: write {cure}", corrected)
+        yield Mistake(kind, (), meaning, f"[rotor] gravity: write {cure}", corrected)
 
 
-def _slow_roll(model: Model, _: Measurement) -> Iterator[Slip]:
+def _slow_roll(model: Model, _: Measurement) -> Iterator[Mistake]:
     def corrected(model: Model, m: Measurement) -> Stated:
         speed = None if model.slow_roll is not None else as_array(np.asarray(SLOW_ROLL_RPM * RPM))
         return dataclasses.replace(model, slow_roll=speed), m
@@ -261,10 +268,10 @@ def _slow_roll(model: Model, _: Measurement) -> Iterator[Slip]:
     stated = model.slow_roll is not None
     meaning = "was not subtracted, as the rig file says" if stated else "was subtracted, as the rig file does not say"
     cure = f"[convention] slow_roll_subtracted: write {'false' if stated else 'true'}"
-    yield Slip("slow_roll_subtracted", (), f"the slow-roll vector {meaning}", cure, corrected)
+    yield Mistake("slow_roll_subtracted", (), f"the slow-roll vector {meaning}", cure, corrected)
 
 
-def _runs(_: Model, m: Measurement) -> Iterator[Slip]:
+def _runs(_: Model, m: Measurement) -> Iterator[Mistake]:
     """Weights that were not where the rig file says, run by run."""
     first = [int(np.argmax(m.run == k)) for k in range(len(m.runs))]
     unbalance, bow = np.asarray(m.conditions.unbalance)[first], np.asarray(m.conditions.bow)[first]
@@ -280,7 +287,7 @@ def _runs(_: Model, m: Measurement) -> Iterator[Slip]:
                 there = np.where((m.run == k)[:, None, None], factor, 1.0)
                 return model, _installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
 
-            yield Slip(kind, (run,), f"the weight of run {run} {meaning}", f"[runs.{run}]: {cure}", corrected)
+            yield Mistake(kind, (run,), f"the weight of run {run} {meaning}", f"[runs.{run}]: {cure}", corrected)
     for a, b in itertools.combinations(range(len(m.runs)), 2):
         if np.array_equal(unbalance[a], unbalance[b]) and np.array_equal(bow[a], bow[b]):
             continue
@@ -292,7 +299,7 @@ def _runs(_: Model, m: Measurement) -> Iterator[Slip]:
 
         about = min(m.runs[a], m.runs[b]), max(m.runs[a], m.runs[b])
         cure = f"[runs]: exchange what {about[0]} and {about[1]} hold"
-        yield Slip("runs_exchanged", about, f"runs {about[0]} and {about[1]} are exchanged", cure, exchanged)
+        yield Mistake("runs_exchanged", about, f"runs {about[0]} and {about[1]} are exchanged", cure, exchanged)
 
 
 def _parts(model: Model) -> tuple:
@@ -315,8 +322,8 @@ def _installed(m: Measurement, unbalance: np.ndarray, bow: np.ndarray) -> Measur
     return dataclasses.replace(m, conditions=there)
 
 
-def log_odds(every: list[Slip], family: float) -> dict[str, float]:
-    """Logarithm of the prior odds of each slip: those of the ``family`` shared by kind, then by member."""
-    kinds = [slip.kind for slip in every]
+def log_odds(every: list[Mistake], family: float) -> dict[str, float]:
+    """Logarithm of the prior odds of each mistake: those of the ``family`` shared by kind, then by member."""
+    kinds = [mistake.kind for mistake in every]
     share = family / max(1, len(set(kinds)))
-    return {slip.name: math.log(share / kinds.count(slip.kind)) for slip in every}
+    return {mistake.name: math.log(share / kinds.count(mistake.kind)) for mistake in every}

@@ -128,7 +128,8 @@ class Measurement(Shown):
         ``conditions``: speed and what was installed, case by case; ``run``: index into ``runs`` of every case, by
         default the first; ``sigma`` [m]: standard error of real and of imaginary part, one for all or cell by cell,
         none where the noise is unknown; ``repeat``: labels of repeated readings.
-        **Errors.** ``ValueError`` for shapes that do not match.
+        **Errors.** ``ValueError`` for shapes that do not match, for nothing measured, and for a ``sigma`` that is not
+        positive where something was measured.
         """
         expected = (len(conditions.speed), len(probes), len(orders))
         if vectors.shape != expected:
@@ -143,10 +144,15 @@ class Measurement(Shown):
                 "cases the index of its run"
             )
         present = np.isfinite(vectors)
+        if not present.any():
+            raise ValueError("vectors holds no finite number: nothing was measured")
+        deviation = None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy()
+        if deviation is not None and not np.all((deviation[present] > 0.0) & np.isfinite(deviation[present])):
+            raise ValueError("sigma must be positive and finite where something was measured; None where it is unknown")
         return cls(
             runs, probes, orders, index, repeat or ("",) * len(vectors), conditions, np.where(present, vectors, 0.0),
             present,
-            None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy(),
+            deviation,
             "unknown" if sigma is None else "given", knowledge,
         )  # fmt: skip
 
@@ -157,6 +163,13 @@ class Measurement(Shown):
         **Errors.** `InputError` as for a table; line 2 is the first row of the frame.
         """
         return rig.measurement_of_text(frame.to_csv(index=False), "the data frame")
+
+    def require_probes(self, probes: tuple[str, ...]) -> None:
+        """``ValueError`` unless these, the model's, are the probes of the measurement, in the same order."""
+        if probes != self.probes:
+            raise ValueError(
+                f"the model has probes {probes}, the measurement {self.probes}: build both from one rig file"
+            )
 
     @property
     def probes_read(self) -> tuple[str, ...]:

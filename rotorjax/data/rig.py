@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import tomlkit
 
-from rotorjax.data.declarations import Slip
+from rotorjax.data.declarations import Mistake
 from rotorjax.data.files import write_whole
 from rotorjax.data.measurement import PEAK, Installed, Knowledge, Measurement, Row, arrange
 from rotorjax.data.plausibility import doubts
@@ -120,14 +120,14 @@ class Rig:
             "    bow = { magnitude_mm = 0.0, angle_deg = 0.0 }"
         )
 
-    def write(self, path: Path, model: Model, slip: Slip | None = None) -> bool:
+    def write(self, path: Path, model: Model, mistake: Mistake | None = None) -> bool:
         """Write this rig file with the effects of another model, everything else as the user wrote it.
 
-        **Arguments:** ``slip``: what was written down wrongly, if anything, put right. **Returns** whether it could be:
-        what is wrong in the table is not in this file.
+        **Arguments:** ``mistake``: what was written down wrongly, if anything, put right. **Returns** whether it could
+        be: what is wrong in the table is not in this file.
         """
         document = tomlkit.parse(self.text)
-        right = slip is None or put_right(document, slip)
+        right = mistake is None or put_right(document, mistake)
         document.pop("effects", None)
         model = self._with_other_orders(model)
         if model.effects:

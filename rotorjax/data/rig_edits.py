@@ -5,18 +5,18 @@ from typing import Any
 
 import tomlkit
 
-from rotorjax.data.declarations import TRUE_AMPLITUDES, Slip
+from rotorjax.data.declarations import TRUE_AMPLITUDES, Mistake
 
 _OPPOSITE = {"+x": "-x", "x": "-x", "-x": "+x", "+y": "-y", "y": "-y", "-y": "+y"}
 Edit = Callable[..., bool]
 """Changes a document, given what the mistake is about. **Returns** whether it could."""
 
 
-def put_right(document: tomlkit.TOMLDocument, slip: Slip) -> bool:
+def put_right(document: tomlkit.TOMLDocument, mistake: Mistake) -> bool:
     """Change the document where a mistake was written down. **Returns** whether that is in the rig file: numbers in
     another unit are in the table.
     """
-    return _EDITS[slip.kind](document, *slip.about) if slip.kind in _EDITS else False
+    return _EDITS[mistake.kind](document, *mistake.about) if mistake.kind in _EDITS else False
 
 
 def _other(key: str, usual: str, unusual: str) -> Edit:

@@ -8,12 +8,11 @@ from rotorjax.data.section import close_to, nearest
 SYNONYMS: dict[str, tuple[str, ...]] = {
     "residual_unbalance": (
         "unbalance", "imbalance", "out of balance", "mass eccentricity", "heavy spot", "lost blade", "thrown blade",
-        "deposit", "fouling", "loss of balance weight", "inherent unbalance", "couple unbalance",
+        "deposit", "fouling", "loss of balance weight", "inherent unbalance", "initial unbalance",
     ),
-    "residual_bow": ("bow", "bent shaft", "bent rotor", "shaft sag", "permanent bow", "initial bow", "warped rotor"),
+    "residual_bow": ("bow", "bent shaft", "bent rotor", "permanent bow", "initial bow", "warped rotor"),
     "thermal_bow": (
-        "hot spot", "Morton effect", "Newkirk effect", "thermal bend", "thermal unbalance", "thermally induced bow",
-        "temporary bow", "hot bow", "spiral vibration",
+        "hot spot", "thermal bend", "thermal unbalance", "thermally induced bow", "temporary bow", "hot bow",
     ),
     "misalignment": (
         "coupling misalignment", "angular misalignment", "parallel offset", "shaft alignment", "coupling offset",
@@ -94,7 +93,7 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Effect -> everyday and textbook words for it."""
 _SURE = 0.75
-"""Likeness of spelling from which a name is a slip of the keyboard rather than another word."""
+"""Likeness of spelling from which a name is a misspelling rather than another word."""
 _ALIKE = 0.5
 """Likeness from which a name is worth a suggestion where nothing has its meaning."""
 _MOST = 3

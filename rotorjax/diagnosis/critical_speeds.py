@@ -26,8 +26,10 @@ ALONE = 5.0
 """Half-power widths to the next mode from which on a peak's width is its own: the other mode changes it by
 (1 / (2 · 5))², 1 %.
 """
-CIRCULAR = 0.5
-"""Minor over major axis of a mode's orbit from which on it is called forward or backward."""
+CIRCULAR, STRAIGHT = 0.5, 0.02
+"""Minor over major axis of a mode's orbit from which on it is called forward or backward whatever its direction; below
+the second it is a line.
+"""
 
 Whirl = Literal["forward", "backward", "elliptic"]
 
@@ -45,14 +47,21 @@ class CriticalSpeed(NamedTuple):
     """Whether the amplification factor is speed over the width of the peak at 0.707 of its height (half-power method,
     API RP 684); else, where another mode is too near, it is 1 / (2ζ).
     """
-    whirl: Whirl
-    """Of the disk: "elliptic" where its orbit is flatter than one half."""
     direction_deg: float
-    """Of the orbit's major axis, from +x towards +y, above -90° up to 90°."""
+    """Of the major axis of the disk's orbit, from +x towards +y, above -90° up to 90°."""
+    axis_ratio: float
+    """Minor over major axis of this orbit, negative where it is run through against the rotation."""
     amplitude_um: dict[str, float] | None = None
     """Amplitude at 1X, zero-to-peak, probe by probe, with nothing installed; none where the model has nothing that
     excites it, or forces that depend on motion.
     """
+
+    @property
+    def whirl(self) -> Whirl:
+        """ "elliptic" where the orbit is flatter than one half."""
+        if abs(self.axis_ratio) < CIRCULAR:
+            return "elliptic"
+        return "forward" if self.axis_ratio > 0.0 else "backward"
 
     @property
     def log_decrement(self) -> float:
@@ -152,14 +161,23 @@ def _groups(values: Complex[np.ndarray, "state"], here: Bool[np.ndarray, "state"
     return groups
 
 
-def orbit_of(motion: Complex[np.ndarray, "dof"], spin: int) -> tuple[Whirl, float]:
-    """Sense of whirl of an orbit Re[(x, y) e^{iωt}], and the direction of its major axis [degrees]."""
+def orbit_of(motion: Complex[np.ndarray, "dof"], spin: int) -> tuple[float, float]:
+    """Direction of the major axis of an orbit Re[(x, y) e^{iωt}] [degrees], and minor over major axis, negative where
+    it is run through against the rotation.
+    """
     turning = 0.5 * (motion[0] + 1j * motion[1])
     against = 0.5 * np.conj(motion[0] - 1j * motion[1])
     major, minor = abs(turning) + abs(against), (abs(turning) - abs(against)) * spin
     direction = math.degrees(0.5 * (np.angle(turning) + np.angle(against)))
-    whirl: Whirl = "elliptic" if abs(minor) < CIRCULAR * major else "forward" if minor > 0.0 else "backward"
-    return whirl, 90.0 - (90.0 - direction) % 180.0
+    return 90.0 - (90.0 - direction) % 180.0, minor / major
+
+
+def whirl_in_words(direction_deg: float, axis_ratio: float) -> str:
+    """ "forward", "backward, major axis 30°" or "line, 90°". **Arguments:** as `orbit_of` returns them."""
+    if abs(axis_ratio) < STRAIGHT:
+        return f"line, {round(direction_deg)}°"
+    sense = "forward" if axis_ratio > 0.0 else "backward"
+    return sense if abs(axis_ratio) >= CIRCULAR else f"{sense}, major axis {round(direction_deg)}°"
 
 
 def _with_width(rotor: RotorInTime, one: CriticalSpeed, every: list[CriticalSpeed]) -> CriticalSpeed:

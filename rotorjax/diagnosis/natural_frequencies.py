@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.optimize import linear_sum_assignment
 
-from rotorjax.diagnosis.critical_speeds import SAME, orbit_of
+from rotorjax.diagnosis.critical_speeds import SAME, orbit_of, whirl_in_words
 from rotorjax.inference.whirl_modes import RotorInTime, WhirlModes
 from rotorjax.model.model import Model
 from rotorjax.units import RPM
@@ -72,5 +72,4 @@ def _whirl(modes: WhirlModes, place: np.ndarray) -> str:
     alike = np.abs(values - values[own]) <= SAME * abs(values[own])
     if alike.sum() > 1:
         return "forward and backward"
-    sense, direction = orbit_of(modes.shape[k, own], modes.spin)
-    return f"along {round(direction)}°" if sense == "elliptic" else sense
+    return whirl_in_words(*orbit_of(modes.shape[k, own], modes.spin))

@@ -13,19 +13,17 @@ from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.squares import squares_of
 
-FEWEST_DRAWS, MOST_DRAWS = 39, 199
+UNEXPLAINED = 0.01
+"""P-value up to which what is left counts as structure."""
+MOST_DRAWS = 199
 ENOUGH_EXCEED = 5
 """Draws that leave more than the data after which the p-value is large enough (Besag, Clifford 1991, Biometrika
 78:301-304).
 """
-NONE_EXCEED = 99
-"""Draws without a single one that leaves more after which it is small enough."""
 BATCH = 24
-"""Fits made together."""
-THRESHOLD, DOUBTFUL = 0.99, 10.0
-"""Share of the draws beyond which a cost counts as structure, and the distance of the data's cost from there within
-which draws are fitted in full.
-"""
+"""Fits made together; after two of them it is looked whether enough exceed, after five whether none does."""
+DOUBTFUL = 10.0
+"""Distance of the data's cost from that of structure within which draws are fitted in full."""
 
 
 class PValue(NamedTuple):
@@ -35,26 +33,26 @@ class PValue(NamedTuple):
     draws: int
 
 
-def p_value(contest: Contest, contender: Contender, *, seed: int = 0) -> PValue:
+def p_value(contest: Contest, contender: Contender) -> PValue:
     """Parametric bootstrap of the least cost: the same fit of data drawn from the fitted model.
 
     Noise is the table's and the scatter between runs; what a misfit would add is not counted. (k + 1)/(n + 1) for k of
     n draws that leave more than the data. The fits are linearised where the data's own ended, which is a projection of
     the noise; draws are fitted in full, from the same start, only where that p-value is near the threshold, until 5
-    leave more, or none of 99 does.
+    leave more, or none of the first 120 does.
     """
     noise = Noise(0.0, contest.floor.scatter)
     data = contest.data(noise, contender.best.point)
     own = _refitted(contest, contender, data, None, np.zeros((1, *data.weight.reshape(len(data.weight), -1).shape)))[0]
-    draws = _Draws(contest, own, data, np.random.default_rng(seed))
+    draws = _Draws(contest, own, data, np.random.default_rng(0))
     noises = draws.make(MOST_DRAWS)
     known, projected = draws.costs(noises)
-    if abs(own.cost - float(np.quantile(projected, THRESHOLD))) > DOUBTFUL or contest.budget.exhausted:
+    if abs(own.cost - float(np.quantile(projected, 1.0 - UNEXPLAINED))) > DOUBTFUL or contest.budget.exhausted:
         return PValue((int(np.sum(projected >= own.cost)) + 1) / (MOST_DRAWS + 1), MOST_DRAWS)
     pairs, costs = numpy_pair(own.shown), []
     for first in range(0, MOST_DRAWS, BATCH):
         exceed = sum(cost >= own.cost for cost in costs)
-        if (exceed >= ENOUGH_EXCEED and len(costs) >= FEWEST_DRAWS) or (len(costs) >= NONE_EXCEED and exceed == 0):
+        if (exceed >= ENOUGH_EXCEED and first >= 2 * BATCH) or (exceed == 0 and first >= 5 * BATCH):
             break
         part = slice(first, first + BATCH)
         ends = _refitted(contest, contender, data, pairs, noises[part])

@@ -116,11 +116,7 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
     **Errors.** ``ValueError`` if the probes differ.
     """
     full = model if isinstance(model, Model) else Model(model)
-    if full.layout.probes != measurement.probes:
-        raise ValueError(
-            f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig "
-            "file"
-        )
+    measurement.require_probes(full.layout.probes)
     predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
     require_steady(predicted, measurement)
     return compare_vectors(predicted, measurement, full.with_orders(measurement.orders))

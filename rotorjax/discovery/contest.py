@@ -22,9 +22,6 @@ from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
 from rotorjax.model.model import Model
 
-NONE_ODDS = 0.5
-"""Prior probability that nothing is missing; the rest is shared by family, then by member."""
-
 Effects = frozenset[str]
 """A hypothesis: the names of the effects that are there."""
 
@@ -213,7 +210,8 @@ def make_contest(
     catalog: Mapping[str, type[Effect]] = CATALOG,
     budget: Budget | None = None,
 ) -> Contest:
-    """All candidates at their null beside the model's own effects; odds by family, then by member.
+    """All candidates at their null beside the model's own effects. That nothing is missing is as probable beforehand as
+    that one of them is, which the families share alike, then the members of each.
 
     Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
     """
@@ -227,11 +225,7 @@ def make_contest(
     families = {
         family: [n for n in shown if catalog[n].family == family] for family in {catalog[n].family for n in shown}
     }
-    odds = {
-        n: (1.0 - NONE_ODDS) / NONE_ODDS / len(families) / len(members)
-        for members in families.values()
-        for n in members
-    }
+    odds = {n: 1.0 / len(families) / len(members) for members in families.values() for n in members}
     return Contest(space, measurement, shown, odds, np.ones(len(measurement.run), bool), budget or Budget())
 
 

@@ -8,14 +8,16 @@ from scipy.special import chdtrc
 from threadpoolctl import threadpool_limits
 
 from rotorjax.arrays import require_float64
-from rotorjax.data.declarations import KINDS, Slip, reversed_rotation
+from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
-from rotorjax.discovery.bootstrap import PValue, p_value
+from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare_vectors
 from rotorjax.discovery.contest import Contest, check_catalog, make_contest
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
+from rotorjax.discovery.mistakes import Alternative, race_of_mistakes
+from rotorjax.discovery.mistakes import Race as MistakeRace
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
@@ -28,8 +30,6 @@ from rotorjax.discovery.search import (
     select,
     showing,
 )
-from rotorjax.discovery.slips import Alternative, race_of_slips
-from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
@@ -40,8 +40,6 @@ from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.units import MICROMETRE
 
-UNEXPLAINED = 0.01
-"""P-value up to which what is left counts as structure."""
 MOST_SEPARATED = 4
 """Ties of which readings are looked for that would settle them."""
 
@@ -61,7 +59,7 @@ def explain(  # noqa: PLR0913
     max_effects: int = 3,
     only: Iterable[str] | None = None,
     exclude: Iterable[str] = (),
-    slips: bool | None = None,
+    mistakes: bool | None = None,
     catalog: Mapping[str, type[Effect]] = CATALOG,
     thorough: bool = True,
     limit: int = LINEARISATIONS,
@@ -73,7 +71,7 @@ def explain(  # noqa: PLR0913
     (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added while "none" has a probability below 5 %.
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
-    those in ``exclude``; ``slips``: whether changes of what rig file and table state are in the race
+    those in ``exclude``; ``mistakes``: whether changes of what rig file and table state are in the race
     (`rotorjax.data.declarations`), always, never, or (None) where what is stated leads to no answer that holds, or to
     an effect of the measuring chain, which looks alike; ``only`` and ``exclude`` may name them; ``catalog``: effects
     by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
@@ -87,12 +85,8 @@ def explain(  # noqa: PLR0913
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
     check_catalog(catalog, full.rotor)
-    candidates, kinds = _candidates(catalog, only, exclude, slips is not False)
-    if full.layout.probes != measurement.probes:
-        raise ValueError(
-            f"the model has probes {full.layout.probes}, the measurement {measurement.probes}: build both from one rig "
-            "file"
-        )
+    candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
+    measurement.require_probes(full.layout.probes)
     if measurement.rms == 0.0:
         candidates, kinds = [], []  # a gain of zero would explain it all
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
@@ -101,18 +95,18 @@ def explain(  # noqa: PLR0913
     telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
     stated = _as_stated(contest, full)
-    written = race_of_slips(contest, kinds, max_effects, catalog, told, always=slips is True)
+    written = race_of_mistakes(contest, kinds, max_effects, catalog, told, always=mistakes is True)
     right, selection = _as_done(full, written.best, candidates, catalog, told)
     return _answer(right, stated, written, selection, undriven, catalog, thorough, told)
 
 
 def _candidates(
-    catalog: Mapping[str, type[Effect]], only: Iterable[str] | None, exclude: Iterable[str], with_slips: bool
+    catalog: Mapping[str, type[Effect]], only: Iterable[str] | None, exclude: Iterable[str], with_mistakes: bool
 ) -> tuple[list[str], list[str]]:
     """Effects, and kinds of mistakes in what was written down, that may be the answer; ``ValueError`` for an unknown
     name.
     """
-    chosen, without = (*catalog, *(KINDS if with_slips else ())) if only is None else tuple(only), tuple(exclude)
+    chosen, without = (*catalog, *(KINDS if with_mistakes else ())) if only is None else tuple(only), tuple(exclude)
     if unknown := [name for name in (*chosen, *without) if name not in catalog and name not in KINDS]:
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join((*catalog, *KINDS))}")
     allowed = [name for name in chosen if name not in without]
@@ -127,11 +121,11 @@ def _as_done(
     progress: Progress,
 ) -> tuple[Model, Selection]:
     """The model and the search as they are with what was written down wrongly put right."""
-    selection, slip = answer.selection, answer.slip
-    if slip is None:
+    selection, mistake = answer.selection, answer.mistake
+    if mistake is None:
         return model, selection
-    if not slip.in_mirror:
-        return slip.corrected(model, selection.contest.measurement)[0], selection
+    if not mistake.in_mirror:
+        return mistake.corrected(model, selection.contest.measurement)[0], selection
     # Searched in a mirror: now the rotor itself.
     model = reversed_rotation(model)
     contest = selection.contest
@@ -154,7 +148,7 @@ def _as_stated(contest: Contest, model: Model) -> Comparison:
 def _answer(
     model: Model,
     stated: Comparison,
-    written: SlipRace,
+    written: MistakeRace,
     selection: Selection,
     undriven: tuple[float, ...],
     catalog: Mapping[str, type[Effect]],
@@ -170,7 +164,7 @@ def _answer(
         held = held_out(contest, selection, ties)
     # What is shown has settled, even where the search was cut off.
     with contest.budget.ahead(FOR_THE_STEPS):
-        story = _story(selection, model, stated, held, undriven, written.best.slip)
+        story = _story(selection, model, stated, held, undriven, written.best.mistake)
     fits = story.fits
     p, proposal = _more_than_noise(selection, fits[-1], stages), _proposal(selection, ties, noise)
     # What is too small to be added is there all the same when it is judged what is left.
@@ -182,7 +176,7 @@ def _answer(
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
     if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
-    if verdict == "nothing missing" and written.best.slip is not None:
+    if verdict == "nothing missing" and written.best.mistake is not None:
         verdict = "explained"
     return Explanation(
         verdict=verdict,
@@ -199,7 +193,7 @@ def _answer(
         max_effects=selection.most,
         catalog=catalog,
         named_force=named,
-        cost=Cost(contest.budget.spent, contest.budget.limit or LINEARISATIONS, tuple(stages.untried)),
+        cost=Cost(contest.budget.spent, contest.budget.limit or 0, tuple(stages.untried)),
     )
 
 
@@ -209,14 +203,14 @@ def _story(
     stated: Comparison,
     held: HeldOut,
     undriven: tuple[float, ...],
-    slip: Slip | None,
+    mistake: Mistake | None,
 ) -> Story:
     """The model as declared against the measurement, and after every effect that was added."""
     contest = selection.contest
     fits = fits_of_steps(contest, model, selection, held)
     views = tuple(compare_vectors(f.predicted, contest.measurement, f.model) for f in fits)
     return Story(
-        model, contest.measurement, stated, selection.effects, fits, views, (), undriven, slip, selection.beside
+        model, contest.measurement, stated, selection.effects, fits, views, (), undriven, mistake, selection.beside
     )
 
 

@@ -7,13 +7,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.data.declarations import Slip
+from rotorjax.data.declarations import Mistake
 from rotorjax.discovery.bootstrap import PValue
 from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.mistakes import Race as MistakeRace
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.search import Ranked, may_be_missing
-from rotorjax.discovery.slips import Race as SlipRace
 from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
@@ -54,7 +54,7 @@ class Explanation(Reported):
     verdict: Verdict
     effects: tuple[str, ...]
     """In the order added; of every tie the most probable."""
-    written: SlipRace
+    written: MistakeRace
     """What is stated in rig file and table against changes of it."""
     story: Story
     """Comparison and fit at every step, the first without any addition."""
@@ -81,14 +81,14 @@ class Explanation(Reported):
         return f"Explanation({self.verdict}: {', '.join(self.named) or 'no effect'}; {self.story!r}{p})"
 
     @property
-    def slip(self) -> Slip | None:
+    def mistake(self) -> Mistake | None:
         """What was written down wrongly, if anything."""
-        return self.written.best.slip
+        return self.written.best.mistake
 
     @property
     def named(self) -> tuple[str, ...]:
         """All that was found: what was written down wrongly, then the effects."""
-        return (*([] if self.slip is None else [self.slip.name]), *self.effects)
+        return (*([] if self.mistake is None else [self.mistake.name]), *self.effects)
 
     def tied_groups(self) -> list[list[list[str]]]:
         """For every part of the answer that is open: itself, then what ties with it."""

@@ -57,7 +57,6 @@ class Fit(Shown):
     """Its prediction of the measured vectors [m]."""
     result: str
     converged: bool
-    steps: int
     reduced_chi2: float | None
     """Squared residual in standard errors per degree of freedom; none where the noise had to be inferred."""
     held_out_rms: float | None
@@ -176,6 +175,7 @@ def _stage(
 ) -> Stage:
     """The model in the company, at their null, of all that might be freed."""
     require_float64("fit")
+    measurement.require_probes(model.layout.probes)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     own = {e.name: type(e) for e in everything.effects}
     # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.
@@ -226,7 +226,6 @@ def summarise(
         predicted=best.shown,
         result=RESULT_TEXT[best.result] if best.exact else NOT_STEADY,
         converged=best.result == CONVERGED and now.settled and best.exact,
-        steps=best.steps,
         reduced_chi2=reduced_chi2(
             measurement, fitted, left, fitted=int(free.sum()), noise=Noise(0.0, scatter or NO_SCATTER)
         ),

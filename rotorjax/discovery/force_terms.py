@@ -50,8 +50,8 @@ class Candidate:
     """The parameter that is one over a gap, if there is one."""
     coefficients: dict[str, float]
     """By parameter, in SI: ``catalog[term](**coefficients)`` is the effect; beside the other terms found."""
-    standard_errors: dict[str, float]
-    """Of those that enter linearly, in the scale of what is left over where that is more than noise."""
+    seen: bool
+    """Whether the regression could tell its coefficients."""
     share: float
     """Of the squared change of the vectors, in standard errors, that the force missing asks for: how much this term
     takes away.
@@ -77,7 +77,6 @@ class _Fitted(NamedTuple):
 
     own: list[Entry]
     factors: Float[np.ndarray, "_"]
-    deviation: Float[np.ndarray, "_"]
     chi2: float
 
     @property
@@ -108,7 +107,7 @@ def _fit(balance: Balance, yielding: list[Entry], own: list[Entry]) -> _Fitted:
     columns = [c for _, several in [*own, *yielding] for c in several]
     error = np.stack([balance.error, *(c.error for c in columns)], axis=-1)
     slopes = np.stack([c.slopes for c in columns], axis=-1) if columns else np.zeros((*balance.slopes.shape, 0))
-    factors, best = np.zeros(len(columns)), _Fitted(own, np.zeros(len(columns)), np.zeros(len(columns)), math.inf)
+    factors, best = np.zeros(len(columns)), _Fitted(own, np.zeros(len(columns)), math.inf)
     for _ in range(PASSES):
         changed = (balance.whitening @ np.linalg.solve(balance.slopes + slopes @ factors, error)).reshape(
             -1, error.shape[-1]
@@ -121,7 +120,7 @@ def _fit(balance: Balance, yielding: list[Entry], own: list[Entry]) -> _Fitted:
         scaled = changed[:, 1:] / size
         inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
         if chi2 < best.chi2:
-            best = _Fitted(own, factors, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / size, chi2)
+            best = _Fitted(own, factors, chi2)
         factors = -(inverse @ (scaled.T @ changed[:, 0])) / size
     return best
 
@@ -301,14 +300,12 @@ class _Search:
     def _candidate(self, path: list[_Fitted], which: int, others: list[_Fitted]) -> Candidate:
         """One term, its factors beside those of the others."""
         last, shape, at = path[-1], path[-1].own[which][0], path[-1].factors_of(which)
-        coefficients, errors = dict(shape.held), {}
-        for factor, value, deviation in zip(shape.factors, last.factors[at], last.deviation[at], strict=True):
+        coefficients = dict(shape.held)
+        for factor, value in zip(shape.factors, last.factors[at], strict=True):
             for key, part in factor.items():
                 coefficients[key] = float(value) * part
-                errors[key] = float(deviation) * abs(part) * math.sqrt(self.unit)
                 if shape.term in LOGARITHMIC:
-                    grown = max(1.0 + coefficients[key], LEAST_FACTOR)
-                    coefficients[key], errors[key] = math.log(grown), errors[key] / grown
+                    coefficients[key] = math.log(max(1.0 + coefficients[key], LEAST_FACTOR))
         company = {id(s) for s, _ in last.own} - {id(shape)}
         near = [
             f for f in others if company <= {id(s) for s, _ in f.own} and self.cost(f) < self.cost(last) + LEAST_GAIN
@@ -327,7 +324,7 @@ class _Search:
             shape.plain,
             shape.gap,
             coefficients,
-            errors,
+            True,
             fall / max(self.none.chi2, TINY),
             gain,
             tuple(dict.fromkeys(names)),
@@ -349,7 +346,7 @@ def _unseen(term: str) -> Candidate:
     what it would do.
     """
     words, gap = TERMS[term].words, next((name for name in TERMS[term].over_amplitude if name == GAP), None)
-    return Candidate(term, words, words, gap, {}, {}, 0.0, 0.0, ())
+    return Candidate(term, words, words, gap, {}, False, 0.0, 0.0, ())
 
 
 def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:

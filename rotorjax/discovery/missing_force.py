@@ -117,11 +117,7 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
     Source: Mottershead, Friswell 1993, J. Sound Vib. 167:347-375, section 4 (equation error).
     """
     require_float64("missing_force")
-    if model.layout.probes != measurement.probes:
-        raise ValueError(
-            f"the model has probes {model.layout.probes}, the measurement {measurement.probes}: build both from one "
-            "rig file"
-        )
+    measurement.require_probes(model.layout.probes)
     full = model.with_orders(measurement.orders)
     grid = grid_of(full)
     rotor = LinearRotor(full)

@@ -213,5 +213,5 @@ def _trial(
     return Trial(
         full,
         tuple(name for name in (*beside, *(t.term for t in terms)) if name in full),
-        all(t.standard_errors for t in terms),
+        all(t.seen for t in terms),
     )

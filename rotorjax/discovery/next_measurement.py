@@ -234,5 +234,7 @@ def _prediction(
     """Vectors, and how the uncertainty of the free unknowns spreads them (a factor of their covariance)."""
     near = (contest.measurement.conditions, end.motions)
     found = predict(contest.space, conditions, end.point, budget=contest.budget, near=near, free=end.free)
-    root = np.linalg.cholesky(np.linalg.inv(end.curvature)) if len(end.free) else np.zeros((0, 0))
+    # The curvature is at least the prior's, whatever rounding makes of it where the data say a million times more.
+    curvatures, directions = np.linalg.eigh(end.curvature)
+    root = directions / np.sqrt(np.maximum(curvatures, np.min(end.prior.weight, initial=1.0)))
     return found.shown, found.slopes @ root

@@ -178,8 +178,8 @@ def contender_of(
 
     Beside the lowest only those count that are at their end: of one given up on the way nobody knows where it leads.
 
-    See `rotorjax.inference.evidence`, for ``wide`` too. Where the noise is a misfit of unknown size it is marginalised (Jeffreys prior):
-    (n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
+    See `rotorjax.inference.evidence`, for ``wide`` too. Where the noise is a misfit of unknown size it is marginalised
+    (Jeffreys prior): (n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
     """
     log_of = log_likelihood(contest, noise)
     distinct = distinct_of(ends)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rotorjax.data.declarations import Slip
+from rotorjax.data.declarations import Mistake
 from rotorjax.discovery.contest import Contender, Contest, Effects
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
@@ -37,7 +37,7 @@ SAME = 1e-6
 class Change(NamedTuple):
     """What is stated, or a change of it."""
 
-    slip: Slip | None
+    mistake: Mistake | None
     contest: Contest
     log_odds: float = 0.0
 
@@ -59,14 +59,14 @@ class Change(NamedTuple):
     @property
     def of_weight(self) -> bool:
         """Whether it changes the weight of the rotor."""
-        return self.slip is not None and self.slip.kind.startswith("weight_")
+        return self.mistake is not None and self.mistake.kind.startswith("weight_")
 
     @classmethod
-    def of(cls, contest: Contest, slip: Slip, odds: float) -> "Change":
+    def of(cls, contest: Contest, mistake: Mistake, odds: float) -> "Change":
         """With the model and the measurement as the change has them."""
-        model, measurement = slip.corrected(contest.space.model, contest.measurement)
+        model, measurement = mistake.corrected(contest.space.model, contest.measurement)
         space = dataclasses.replace(contest.space, model=model)
-        return cls(slip, dataclasses.replace(contest, space=space, measurement=measurement), odds)
+        return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
 
     def without(self, effects: Effects) -> "Change":
         """The same with none of these effects beside it."""
@@ -166,8 +166,8 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
     stated = min(stated, _exactly(level, hopeless=enough), key=lambda one: one.end.cost)
     if stated.holds:
         return stated, [], []
-    feels = {change.slip: _feels(change, level) for change in changes}
-    possible = _not_behind(level, [change for change in changes if feels[change.slip]])
+    feels = {change.mistake: _feels(change, level) for change in changes}
+    possible = _not_behind(level, [change for change in changes if feels[change.mistake]])
     screened = list[Screened]()
     for one in possible:
         screened.append(_exactly(one, hopeless=enough))
@@ -185,7 +185,7 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
     ]
     ahead.sort(key=lambda one: (0, one.cost) if one.holds else (1, 0.0))
     # What linear effects do not feel, a weight for instance, leaves them as they are.
-    alike = [Screened(change, stated.end) for change in changes if not feels[change.slip]]
+    alike = [Screened(change, stated.end) for change in changes if not feels[change.mistake]]
     return stated, [*screened, *alike], ahead
 
 

@@ -8,7 +8,7 @@ import functools
 import jax.numpy as jnp
 import numpy as np
 
-from rotorjax.data.declarations import Slip
+from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement, require_steady
 from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
@@ -42,7 +42,7 @@ class Story(Reported):
     rivals: tuple[Rival, ...]
     undriven: tuple[float, ...] = ()
     """Orders that nothing in the model drives, left out once effects are fitted: they would only pose as noise."""
-    slip: Slip | None = None
+    mistake: Mistake | None = None
     """What was written down wrongly: put right from the first fit on."""
     beside: tuple[str, ...] = ()
     """Effects too small to matter by themselves that are in the last fit."""
@@ -67,7 +67,7 @@ class Story(Reported):
     @property
     def changed(self) -> bool:
         """Whether anything was fitted, so that there is a before and an after."""
-        return self.slip is not None or any(fitted.estimates for fitted in self.fits)
+        return self.mistake is not None or any(fitted.estimates for fitted in self.fits)
 
     @property
     def confirmed(self) -> bool:
@@ -121,19 +121,20 @@ def tell(
     additions: list[Effect],
     *,
     fixed: frozenset[str] = frozenset(),
-    slip: Slip | None = None,
+    mistake: Mistake | None = None,
 ) -> Story:
     """Compare a model as it is; then add effects one after the other, fitting what is not fixed, and compare again.
 
-    **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value; ``slip``:
-    what is taken to be written down wrongly (`rotorjax.data.declarations.slips`), put right before anything is added.
+    **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value;
+    ``mistake``: what is taken to be written down wrongly (`rotorjax.data.declarations.mistakes`), put right before
+    anything is added.
     """
     names = tuple(effect.name for effect in additions)
-    if not additions and slip is None:
+    if not additions and mistake is None:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())
-    stated = None if slip is None else compare(model, measurement)
-    if slip is not None:
-        model, measurement = slip.put_right(model, measurement)
+    stated = None if mistake is None else compare(model, measurement)
+    if mistake is not None:
+        model, measurement = mistake.put_right(model, measurement)
     undriven = undriven_orders(model.plus(additions), measurement) if additions else ()
     measurement = without_orders(measurement, undriven)
     fits = fit_steps(model, additions, measurement, fixed=fixed)
@@ -143,7 +144,7 @@ def tell(
         require_steady(predicted, measurement)
         stated = compare_vectors(predicted, measurement, model)
     others = tuple(rivals(fits[-1])) if additions else ()
-    return Story(model, measurement, stated, names, tuple(fits), views, others, undriven, slip)
+    return Story(model, measurement, stated, names, tuple(fits), views, others, undriven, mistake)
 
 
 def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:

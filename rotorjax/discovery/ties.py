@@ -25,7 +25,7 @@ NEAR = 15.0
 AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
 MOST_LEADERS = 3
-"""Ties, one after the other, that turn out more probable than the answer and take its place."""
+"""Sets, one after the other, that turn out more probable than the answer and take its place."""
 TRIED_PAIRS = 5
 """Best replacements of an effect of which pairs are tried in its place."""
 
@@ -86,7 +86,7 @@ def noise_left(selection: Selection) -> Noise:
 
 
 def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[Selection, Ties]:
-    """The answer with what ties with it: a tie that turns out more probable takes its place."""
+    """The answer with what ties with it: what turns out more probable among all that was raced takes its place."""
     contest = selection.contest
     ties = find_ties(contest, selection, noise_left(selection), catalog)
     for _ in range(MOST_LEADERS):
@@ -106,8 +106,9 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
 
     An alternative ties if its log evidence is less than 3 behind, also if only where all effects may be three times as
     strong as declared, or if it leads where the tolerance of the model's form is noise of every vector by itself.
-    Whether it then predicts the same, or differs and fits no worse, is told with it. One further behind, with more determined parameters, that fits no better, or not by so much that these
-    would pay, contains the answer, as does one nearer of which the answer is a special case: that is no tie.
+    Whether it then predicts the same, or differs and fits no worse, is told with it. One further behind, with more
+    determined parameters, that fits no better, or not by so much that these would pay, contains the answer, as does one
+    nearer of which the answer is a special case: that is no tie.
     """
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)

@@ -26,7 +26,9 @@ class ResidualUnbalance(ExcitationEffect):
 
     name: ClassVar[str] = "residual_unbalance"
     family: ClassVar[Family] = "excitation"
-    meaning: ClassVar[str] = "unbalance left in the rotor before any weight was installed"
+    meaning: ClassVar[str] = (
+        "unbalance of the rotor itself, without the weights of [runs]: initial unbalance (ISO 21940-2)"
+    )
     source: ClassVar[str] = "ISO 21940-11:2016, clause 4; Jeffcott, Phil. Mag. 37 (1919) 304-314"
     relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
     unbalance_x_kg_m: Array = parameter("component along x", scale=1.0, of="unbalance")
@@ -42,7 +44,7 @@ class ResidualBow(ExcitationEffect):
 
     name: ClassVar[str] = "residual_bow"
     family: ClassVar[Family] = "excitation"
-    meaning: ClassVar[str] = "shaft bent for good: reads the bow itself at slow roll"
+    meaning: ClassVar[str] = "permanently bent shaft; at slow roll a probe reads the bow itself"
     source: ClassVar[str] = "Nicholas, Gunter, Allaire, J. Eng. Power 98 (1976) 171-181"
     relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "misalignment")
     bow_x_m: Array = parameter("component along x", scale=2.0, of="eccentricity")
@@ -54,11 +56,15 @@ class ResidualBow(ExcitationEffect):
 
 
 class ThermalBow(ExcitationEffect):
-    """s += (S_x + iS_y)(Ω/Ω_ref)², Ω_ref the mean natural frequency: heat that grows with speed bends the shaft."""
+    """s += (S_x + iS_y)(Ω/Ω_ref)², Ω_ref the mean natural frequency: heat that grows with speed bends the shaft.
+
+    With equal stiffness along x and y the same as an unbalance. Not the Morton or Newkirk effect, whose bow follows the
+    vibration and drifts.
+    """
 
     name: ClassVar[str] = "thermal_bow"
     family: ClassVar[Family] = "excitation"
-    meaning: ClassVar[str] = "shaft bent by heat that grows with speed squared; no constant part"
+    meaning: ClassVar[str] = "bow fixed in the shaft that grows with speed squared, as by heat; no constant part"
     source: ClassVar[str] = "de Jongh, Morton, J. Eng. Gas Turbines Power 118 (1996) 816-823"
     relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "residual_bow")
     bow_x_m: Array = parameter("component along x at the natural frequency", scale=1.0, of="eccentricity")

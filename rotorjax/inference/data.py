@@ -31,7 +31,6 @@ class Data(NamedTuple):
     run: Int[np.ndarray, "case"]
     common: Float[np.ndarray, "case cell common"]
     """What the errors of several vectors have in common: see `rotorjax.inference.covariance`."""
-    run_count: int
 
 
 def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
@@ -46,7 +45,7 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
         np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), at.sweeps,
         numpy_pair(measurement.vectors), weight,
         np.array([is_half_order(order) for order in measurement.orders]), measurement.run,
-        common_errors(measurement, model, noise), len(measurement.runs),
+        common_errors(measurement, model, noise),
     )  # fmt: skip
 
 
@@ -98,13 +97,14 @@ def make_folds(
     """
     cluster, speeds = measurement.speed_cluster()
     whole = _rank(np.sum(information, axis=0))
-    for label, count, least in ((measurement.run, len(measurement.runs), LEAST_RUN_FOLDS), (cluster, len(speeds), 3)):
+    taken, run = np.unique(measurement.run, return_inverse=True)
+    for label, count, least in ((run, len(taken), LEAST_RUN_FOLDS), (cluster, len(speeds), 3)):
         if count >= least:
             fold = label % min(MAX_FOLDS, count)
             folds = np.stack([fold == k for k in range(min(MAX_FOLDS, count))])
             if all(_rank(np.sum(information[~left_out], axis=0)) == whole for left_out in folds):
                 return folds, ""
-    runs = "1 run" if len(measurement.runs) == 1 else f"{len(measurement.runs)} runs"
+    runs = "1 run" if len(taken) == 1 else f"{len(taken)} runs"
     at = "1 speed" if len(speeds) == 1 else f"{len(speeds)} speeds"
     reason = (
         f"{runs} at {at} leave no part of the data out of which the rest could be predicted: take four runs or three "

@@ -43,8 +43,8 @@ def independent_parts(best: End, data: Data) -> list[Local]:
     error, slopes = best.local
     every, cells = np.ones(len(error), bool), error.shape[1]
     left = squares_of(data, error, slopes, every).left(np.zeros(slopes.shape[-1]))
-    label = np.arange(len(error)) if data.run_count < FEW_RUNS else data.run
-    parts = [np.flatnonzero(label == part) for part in range(int(label.max()) + 1)]
+    label = np.arange(len(error)) if len(np.unique(data.run)) < FEW_RUNS else data.run
+    parts = [np.flatnonzero(label == part) for part in np.unique(label)]
     return [Local(left[part].ravel(), slopes[part].reshape(len(part) * cells, slopes.shape[-1])) for part in parts]
 
 

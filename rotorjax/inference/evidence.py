@@ -35,10 +35,10 @@ from rotorjax.model.model import Model
 
 STEP = 3.0
 """From one prior scale to the next."""
-LARGEST, LARGEST_OPEN = 0, 7
-"""Largest power of it: in general, and of a size that is left open (`rotorjax.inference.prior`)."""
-LARGEST_WIDE = 1
-"""In general, where it is asked what depends on the declared scale."""
+LARGEST_OPEN = 7
+"""Largest power of it, of a size that is left open (`rotorjax.inference.prior`); of others the declared scale is the
+largest.
+"""
 SEEN = 5.0
 """Standard errors from which on a strength could be seen: smaller ones belong to "none"."""
 LEAST = -12
@@ -89,8 +89,7 @@ def left_open(
         group = np.array(list(labels.values()))
         shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels), told[np.ix_(group, group)])]
         if number >= 0:
-            usual = LARGEST_WIDE if wide else LARGEST
-            largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else usual
+            largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else int(wide)
             scales = factors(told, end.prior.weight, group, largest)
             yield group, [scale * shape for scale in scales for shape in shapes]
         elif len(shapes) > 1:

@@ -38,7 +38,7 @@ class Descent:
     def __post_init__(self) -> None:
         self.timed = self.trial.motions is not None
         self.freedom = 0.0 if self.known or not self.timed else self.manner.first_freedom * self._reach()
-        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, self.manner.largest_step
+        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
         self.here: Linearised | None = None
@@ -51,11 +51,6 @@ class Descent:
 
     def _reach(self) -> float:
         return max(float(np.abs(self.lin.data.pairs).max()), 1e-9)
-
-    @property
-    def data_cost(self) -> float:
-        """The cost without the prior's."""
-        return self.cost - self.prior.cost
 
     @property
     def settled(self) -> bool:
@@ -145,7 +140,7 @@ class Descent:
         """
         self.damping *= max(1.0 - (2.0 * min(max(kept, 0.0), 1.0) - 1.0) ** 3, 0.1)
         self.damping, self.growth = max(self.damping, 1e-12), 2.0
-        self.cap = min(2.0 * self.cap, self.manner.largest_step)
+        self.cap = min(2.0 * self.cap, 1.0)
 
     def _slack(self) -> float:
         """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
@@ -184,7 +179,7 @@ class Descent:
         end.
         """
         assert self.here is not None
-        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, self.manner.largest_step
+        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
         if self.freedom > 0.0:
             self._firmer()
             self.decrement = self._propose()

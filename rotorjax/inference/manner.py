@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from rotorjax.arrays import AnyArray
-
 FIRST_DAMPING = 1e-3
 """Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
 CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF = 0, 1, 2, 3
@@ -20,8 +18,8 @@ RESULT_TEXT = {
 class Tolerance(NamedTuple):
     """Fall of the cost below which a descent is at its end: absolute, and relative to the cost."""
 
-    absolute: AnyArray | float
-    relative: AnyArray | float
+    absolute: float
+    relative: float
 
 
 FINE, COARSE = Tolerance(1e-6, 1e-6), Tolerance(1e-2, 1e-4)
@@ -41,8 +39,6 @@ class Manner(NamedTuple):
     """What is left of that freedom after every step that lowers the cost."""
     lenient: float = 0.02
     """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
-    largest_step: float = 1.0
-    """Of the motion of a case, in its size."""
 
 
 THOROUGH, QUICK = Manner(FINE), Manner(COARSE)

@@ -8,9 +8,9 @@ from rotorjax.inference.linearised import Freedom, Imbalance, Linearisation, Lin
 BALANCED = 0.1
 """Standard errors by which the reading of a motion may be off what balance would make of it."""
 FIRST_MOTION = 10.0
-"""Freedom of the motions, in their size or the noise, that lets them show just what was measured."""
-LIKE = 99.0
-"""Variance of a change along the motion of its order, in that of any other."""
+"""Freedom of the motions, in their size or the noise, that lets them show just what was measured; of a change along the
+motion of its order, in that of any other.
+"""
 SHORTEST = 1e-3
 """Share of a step of Newton's method below which no balance is looked for."""
 STEPS = 50
@@ -47,7 +47,9 @@ def first_motions(
 
 
 def _alike(motion: Float[np.ndarray, "case dof coefficient"]) -> Float[np.ndarray, "case motion motion"]:
-    """Covariance of changes of a motion: 1 + `LIKE` (uuᴴ), order by order, u the motion's own direction there."""
+    """Covariance of changes of a motion: 1 + (f² - 1) uuᴴ, order by order, f = `FIRST_MOTION`, u the motion's own
+    direction there.
+    """
     cases, dof, count = motion.shape
     covariance = np.tile(np.eye(dof * count), (cases, 1, 1)).reshape(cases, dof, count, dof, count)
     for parts in ([0], *([k, k + 1] for k in range(1, count, 2))):
@@ -56,7 +58,7 @@ def _alike(motion: Float[np.ndarray, "case dof coefficient"]) -> Float[np.ndarra
         both = np.einsum("cip,cjq->cipjq", pair, pair) + np.einsum("cip,cjq->cipjq", turned, turned)
         size = np.maximum(np.sum(pair**2, axis=(1, 2)), 1e-300)
         covariance[np.ix_(range(cases), range(dof), parts, range(dof), parts)] += (
-            LIKE * both / size[:, None, None, None, None]
+            (FIRST_MOTION**2 - 1.0) * both / size[:, None, None, None, None]
         )
     return covariance.reshape(cases, dof * count, dof * count)
 

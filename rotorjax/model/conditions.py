@@ -1,6 +1,6 @@
 """What a model is asked for: names along its axes, its probes, and the conditions of every case."""
 
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,13 +10,6 @@ from jaxtyping import Float
 
 from rotorjax.arrays import Numbers, as_float, is_known
 from rotorjax.units import RPM
-
-if TYPE_CHECKING:
-    # A type checker takes equinox's own for instance variables.
-    pass
-else:
-    pass
-
 
 Axis = Literal["probe", "order", "plane"]
 
@@ -118,5 +111,6 @@ class Probes(eqx.Module):
     """One where the probe reads against the foundation, zero where against the ground."""
 
 
-def _two_probes() -> Probes:
+def two_probes() -> Probes:
+    """At 0° and at 90°, fixed to the ground."""
     return Probes(jnp.array([0.0, jnp.pi / 2.0]), jnp.ones(2), jnp.zeros(2))

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -12,17 +11,9 @@ from jax import Array
 from jaxtyping import Float
 
 from rotorjax.arrays import Numbers, as_float
-from rotorjax.shown import Shown
-
-if TYPE_CHECKING:
-    # A type checker takes equinox's own for instance variables.
-    pass
-else:
-    pass
-
-
-from rotorjax.model.conditions import HarmonicBalance, Layout, Probes, _two_probes
+from rotorjax.model.conditions import HarmonicBalance, Layout, Probes, two_probes
 from rotorjax.model.contract import AbstractRotor, Effect
+from rotorjax.shown import Shown
 
 
 def _float_or_none(value: Numbers | None) -> Array | None:
@@ -37,7 +28,7 @@ class Model(eqx.Module, Shown):
     """
 
     rotor: AbstractRotor
-    probes: Probes = eqx.field(default_factory=_two_probes)
+    probes: Probes = eqx.field(default_factory=two_probes)
     participation: Float[Array, "plane"] = eqx.field(converter=as_float, default_factory=lambda: jnp.ones(1))
     """Mode shape at each balancing plane, relative to the disk."""
     slow_roll: Float[Array, ""] | None = eqx.field(converter=_float_or_none, default=None)

@@ -1,6 +1,6 @@
 """The answer of an explanation in sentences: what is missing, how far the error falls, what is left, what ties."""
 
-from rotorjax.data.declarations import Slip, amplitude_changes
+from rotorjax.data.declarations import Mistake, amplitude_changes
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.search import DETECTED, none_left
 from rotorjax.inference.noise import NO_SCATTER
@@ -16,7 +16,7 @@ HALVED = 2.0
 """Fall of the error from which on effects that do not explain all count as part of the answer."""
 WRONG_BOOKS = (
     "Rig file or table may state a convention wrongly (sign of phase, sense of rotation, peak-to-peak or rms, unit, "
-    "exchanged cables or runs): `--slips` tries these too."
+    "exchanged cables or runs): `--mistakes` tries these too."
 )
 
 
@@ -46,14 +46,14 @@ def told(found: Explanation) -> str:
 def misses(found: Explanation) -> str:
     """How far the model as declared is off, and what fitting the values declared uncertain leaves of that."""
     story, fitted = found.story, ""
-    if found.slip is None and story.fits and story.fits[0].estimates:
-        fitted = f", with the values declared uncertain fitted by {number(story.views[0].rms / MICROMETRE)} µm rms"
+    if found.mistake is None and story.fits and story.fits[0].estimates:
+        fitted = f"; after adjusting the values declared uncertain by {number(story.views[0].rms / MICROMETRE)} µm rms"
     return f"The model as declared differs from the measurement by {misfit_share(story.declared)}{fitted}."
 
 
 def _missing(found: Explanation) -> str:
-    missing = f"Missing: {_with_open_sizes(found)}." if found.effects else "Nothing else is missing."
-    return missing if found.slip is None else f"{_slip(found.slip)} {missing}"
+    missing = f"The model lacks {_with_open_sizes(found)}." if found.effects else "Nothing else is missing."
+    return missing if found.mistake is None else f"{_mistake(found.mistake)} {missing}"
 
 
 def _with_open_sizes(found: Explanation) -> str:
@@ -68,9 +68,9 @@ def _with_open_sizes(found: Explanation) -> str:
     )
 
 
-def _slip(slip: Slip) -> str:
+def _mistake(mistake: Mistake) -> str:
     """What was written down wrongly, and what to change."""
-    return f"Written down wrongly: {slip.meaning} ({slip.name}; {slip.cure})."
+    return f"Written down wrongly: {mistake.meaning} ({mistake.name}; {mistake.cure})."
 
 
 def _nothing(found: Explanation) -> str:
@@ -85,13 +85,13 @@ def _undecided(found: Explanation) -> str:
     groups = found.tied_groups()
     others = ["others do as well"] if any(first for first, *_ in groups) or found.named_force is not None else []
     within = ["more may be missing within the tolerance of the model's form"] if not all(g[0] for g in groups) else []
-    fails = [] if found.confirmed else ["on data held out the error does not fall"]
-    limit = ["the limit of linearisations was reached"] if found.cost.exhausted else []
+    fails = [] if found.confirmed else ["the error does not fall on readings left out of the fit"]
+    limit = ["the search limit was reached before all was tried"] if found.cost.exhausted else []
     likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
     beside = percent(1.0 - none_left(found.rankings[-1]), 0)
     more = [f"something more may be missing ({beside}), such as {likely}"] if found.more else []
-    slip = [] if found.slip is None else [plain_name(found.slip.name)]
-    named = [*slip, *([_with_open_sizes(found)] if found.effects else [])]
+    mistake = [] if found.mistake is None else [plain_name(found.mistake.name)]
+    named = [*mistake, *([_with_open_sizes(found)] if found.effects else [])]
     what = listed(named) if named else "nothing that stands out so far"
     return f"Undecided: {what}, but {listed([*others, *within, *fails, *found.objections, *more, *limit])}."
 
@@ -132,11 +132,11 @@ AS_IF = 1.5
 def as_if_lines(found: Explanation) -> list[str]:
     """A gain of the chain that a wrong convention or unit would look like, and the reverse."""
     changes = amplitude_changes(found.contest.measurement.knowledge.amplitude)
-    if found.slip is not None:
+    if found.mistake is not None:
         return [
             f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too."
             for change in changes
-            if (change.kind, change.about) == (found.slip.kind, found.slip.about)
+            if (change.kind, change.about) == (found.mistake.kind, found.mistake.about)
         ]
     if "chain_gain" not in found.effects:
         return []
@@ -177,7 +177,7 @@ def error_fall(found: Explanation) -> float:
 
 def _before(found: Explanation) -> float:
     """The error with the uncertain values fitted; as declared where what is written was wrong [m]."""
-    return (found.story.views[0] if found.slip is None else found.story.declared).rms
+    return (found.story.views[0] if found.mistake is None else found.story.declared).rms
 
 
 def fall_line(found: Explanation) -> str:
@@ -186,7 +186,7 @@ def fall_line(found: Explanation) -> str:
         return ""
     held, after = found.story.fits[-1].held_out_rms, found.story.last.rms
     fold_text = f"{number(error_fall(found))}-fold" if after > 0.0 else "to nothing"
-    held_text = f" ({number(_before(found) / held)}-fold on data held out)" if held else ""
+    held_text = f" ({number(_before(found) / held)}-fold on readings left out of the fit)" if held else ""
     return f"With {said(found.named)} the error falls {fold_text}{held_text} to {number(after / MICROMETRE)} µm rms."
 
 
@@ -203,7 +203,8 @@ def left_line(found: Explanation) -> str:
     scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
     judged = "is more than" if found.verdict == "unexplained" else "is what"
     allow = "" if found.verdict == "unexplained" else " allow" if scatter else " allows"
-    return f"What is left {judged} the noise{scatter}{allow} (p {sign} {number(p.value, 2)}, {p.draws} draws)."
+    drawn = f"p {sign} {number(p.value, 2)} from {p.draws} simulated measurements"
+    return f"What is left {judged} the noise{scatter}{allow} ({drawn})."
 
 
 def tie_lines(found: Explanation) -> list[str]:

@@ -139,9 +139,9 @@ def balance_line(correction: Correction, *, alone: bool = False, proviso: str = 
     holes = _holes(c)
     return (
         f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° {where} {from_it}"
-        f"{f', that is {holes}' if holes else ''}. Balance quality grade at {c.speed / RPM:.0f} rpm ({c.speed_is}): G "
-        f"{number(c.grade(c.size))} before, below G {number(c.grade(c.left_below), 2)} after (95 %, if installed "
-        f"exactly).{hint}"
+        f"{f', that is {holes}' if holes else ''}. Specific unbalance times speed at {c.speed / RPM:.0f} rpm "
+        f"({c.speed_is}): {number(c.grade(c.size))} mm/s before, below {number(c.grade(c.left_below), 2)} mm/s after "
+        f"(95 %, if installed exactly); grade G of ISO 21940-11 where the rotor behaves as rigid.{hint}"
     )
 
 
@@ -163,7 +163,7 @@ def _holes(c: Correction) -> str:
 
 def influence_lines(measurement: Measurement, rig: Rig) -> list[str]:
     """The correction by influence coefficients, which need no rotor model, in sentences; none where the runs do not
-    determine it. Planes whose weights show alike are corrected in by themselves.
+    determine it. For planes with nearly proportional influence vectors there is one correction each.
     """
     together = measured_influence(measurement)
     if together is None:
@@ -178,7 +178,8 @@ def influence_lines(measurement: Measurement, rig: Rig) -> list[str]:
     if not alike:
         return [_influence_line(together, names, rig)]
     said = [_influence_line(one, [f"{name} alone"], rig) for name, one in zip(names, alone, strict=True) if one]
-    return [*said, f"Weights in {' and '.join(names)} show alike here: how to share the correction is left open."]
+    planes = " and ".join(names)
+    return [*said, f"The influence vectors of {planes} are nearly proportional: one correction each, either will do."]
 
 
 def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:
@@ -190,8 +191,8 @@ def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:
     parts = [f"{_opposite(fault, rig)} in plane {name}" for name, fault in zip(names, found.unbalance, strict=True)]
     before, after = _rms_um(found)
     said = (
-        f"{without}correction {' and '.join(parts)}. It leaves {number(after, 2)} of {number(before)} µm rms at 1X; a "
-        "bow and a runout are corrected along."
+        f"{without}correction {' and '.join(parts)}. It leaves {number(after, 2)} of {number(before)} µm at 1X (0-pk, "
+        "rms over probes and speeds). That minimises the reading: the response to a bow and runout are compensated too."
     )
     if found.linear is False:
         said += (

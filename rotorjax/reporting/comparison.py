@@ -41,7 +41,7 @@ def measurement_line(m: Measurement) -> str:
     )
     orders = ", ".join(f"{order:g}X" for order in m.orders)
     if m.sigma is None or m.noise_rms is None:
-        noise = "noise not given: inferred from what the fit leaves"
+        noise = "noise unknown: inferred from what the fit leaves"
     else:
         source = "from repeats" if m.noise == "repeats" else "given"
         error = float(np.median(m.sigma[m.present])) / MICROMETRE
@@ -51,7 +51,7 @@ def measurement_line(m: Measurement) -> str:
     probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
     return (
         f"{runs}, {speeds}, probes {probes}, {orders}: {int(m.present.sum())} vectors of {number(m.rms / MICROMETRE)} "
-        f"µm rms (over all vectors, zero to peak), {noise}"
+        f"µm rms (0-pk amplitudes, rms over all vectors), {noise}"
     )
 
 
@@ -61,8 +61,8 @@ def verdict(story: Story) -> str:
     if not story.fits:
         return first
     before, after = story.views[0].rms, story.last.rms
-    if story.slip is not None:
-        first += f" If {story.slip.meaning}, {number(before / MICROMETRE)} µm rms remain ({story.slip.cure})."
+    if story.mistake is not None:
+        first += f" If {story.mistake.meaning}, {number(before / MICROMETRE)} µm rms remain ({story.mistake.cure})."
         if not story.additions:
             return f"{first} {_remains(story)}"
     elif _has_uncertain(story):
@@ -73,7 +73,7 @@ def verdict(story: Story) -> str:
         return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
     held = story.fits[-1].held_out_rms
     fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
-    held_text = f"; {number(before / held)}-fold on data held out" if held else ""
+    held_text = f"; {number(before / held)}-fold on readings left out of the fit" if held else ""
     return (
         f"{first} With {names} the error falls {fold} to {number(after / MICROMETRE)} µm rms{held_text}. "
         f"{_remains(story)}"
@@ -167,7 +167,7 @@ def step_labels(story: Story) -> list[str]:
     labels = ["as declared"]
     if story.fits:
         uncertain = ["uncertain values"] if _has_uncertain(story) else []
-        first = uncertain if story.slip is None else [f"+ {story.slip.name}"]
+        first = uncertain if story.mistake is None else [f"+ {story.mistake.name}"]
         labels += [*first, *(f"+ {name}" for name in story.additions)]
         if story.beside:
             labels[-1] += f" (with {', '.join(story.beside)})"
@@ -176,7 +176,7 @@ def step_labels(story: Story) -> list[str]:
 
 def steps(story: Story) -> list[tuple[Comparison, Fit | None]]:
     """What stands behind each of `step_labels`."""
-    first = 0 if _has_uncertain(story) or story.slip is not None else 1
+    first = 0 if _has_uncertain(story) or story.mistake is not None else 1
     return [(story.declared, None), *zip(story.views[first:], story.fits[first:], strict=True)]
 
 
@@ -218,8 +218,8 @@ def findings(story: Story) -> list[str]:
     if story.undriven:
         names = ", ".join(f"{order:g}X" for order in story.undriven)
         lines.append(
-            f"Nothing in this model drives {names}: those vectors were left out of everything here; `compare` without "
-            "effects shows them."
+            f"Nothing in this model excites {names}: those vectors were left out of the fit and of the error; "
+            "`compare` without effects shows them."
         )
     lines += objections(story.final_model)
     lines += story.steadiness

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rotorjax.data.declarations import Slip
+from rotorjax.data.declarations import Mistake
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
@@ -16,7 +16,7 @@ def comparison_json(story: Story) -> dict[str, Any]:
     """What ``compare --json`` writes: the model as it is at the end, what it was before, and every step."""
     return {
         "verdict": verdict(story),
-        "written_down_wrongly": slip_json(story.slip),
+        "written_down_wrongly": mistake_json(story.mistake),
         **view_json(story.last, story.fits[-1].reduced_chi2 if story.fits else story.declared.reduced_chi2),
         "noise": "inferred" if story.measurement.noise != "given" else "given",
         "before": view_json(story.declared, story.declared.reduced_chi2),
@@ -35,9 +35,9 @@ def comparison_json(story: Story) -> dict[str, Any]:
     }
 
 
-def slip_json(slip: Slip | None) -> dict[str, str] | None:
+def mistake_json(mistake: Mistake | None) -> dict[str, str] | None:
     """What was written down wrongly, if anything, and what to change."""
-    return None if slip is None else {"name": slip.name, "meaning": slip.meaning, "change": slip.cure}
+    return None if mistake is None else {"name": mistake.name, "meaning": mistake.meaning, "change": mistake.cure}
 
 
 def view_json(view: Comparison, chi2: float | None) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 from typing import Any
 
-from rotorjax.diagnosis.critical_speeds import CriticalSpeed
+from rotorjax.diagnosis.critical_speeds import CriticalSpeed, whirl_in_words
 from rotorjax.diagnosis.lateral import BEYOND, STABLE, Lateral, SeparationMargin, SpeedRange
 from rotorjax.discovery.story import Story
 from rotorjax.reporting.tables import Table, number
+from rotorjax.reporting.wording import opening
 
 HEADERS = ["model", "rpm", "damping ratio %", "log. decrement", "amplification factor", "from", "whirl"]
+MARGIN = {"operating": "separation margin", "measured": "from the speeds measured"}
+"""Head of the column of distances, by what they are counted from."""
 FAR = 100.0
 """Separation in percent, above the speeds, from which on it is told as a ratio."""
 
@@ -23,7 +26,7 @@ def critical_speeds_lines(story: Story) -> list[str]:
 def _told(found: Lateral, *, short: bool = False) -> str:
     """Critical speeds in a sentence. **Arguments:** ``short``: with the damping ratio alone."""
     if found.critical_speeds is None:
-        return "not known, for no equation of motion in time stands for this model"
+        return "not computed, as the model has an effect that mass, damping and stiffness matrices cannot express"
     if not found.critical_speeds:
         return "none, for the damping is too strong for a peak (damping ratio above 71 %)"
     told = [
@@ -69,8 +72,9 @@ def _stability_line(found: Lateral) -> str:
         return f"Stability: {_least(found)}."
     decrement = f"logarithmic decrement {number(least.log_decrement)} at {least.speed_rpm:.0f} rpm"
     if least.onset_rpm is None:
-        asked = f"; API 617 asks for {STABLE:g}" if least.log_decrement < STABLE else ""
-        return f"Stability margin: {decrement}, the least in {_range(speeds)}{asked}."
+        low = speeds.kind == "operating" and least.log_decrement < STABLE
+        asked = f"; API 617 asks for {STABLE:g}" if low else ""
+        return f"Least {decrement} in {_range(speeds)}{asked}."
     if least.onset_rpm <= speeds.low_rpm:
         return f"Unstable from the lowest of {_range(speeds)} on: {decrement}."
     where = "" if least.onset_rpm <= speeds.high_rpm else f", above {_range(speeds)}"
@@ -89,20 +93,27 @@ def critical_speeds_table(story: Story) -> Table | None:
     apart = any(found.margin(one).side != "inside" for _, found, one in every)
     notes = [
         *(f"Stability {name}: {_least(m)}." for name, m in models if m.stability is not None),
-        f"Separation margin from {_range(story.lateral.speeds)}; in brackets what API 617 asks for." if apart else "",
+        _margin_note(story.lateral.speeds) if apart else "",
         "Amplification factor from the half-power width; where another mode is near, from the damping ratio: 1/(2ζ).",
         "Amplitudes at 1X, zero-to-peak, with nothing installed." if probes else "",
         "Forces that depend on motion are left out." if story.lateral.linearised else "",
     ]
-    headers = [*HEADERS, *(f"{probe} µm" for probe in probes), "separation margin"]
-    spare = ["from", "log. decrement", "whirl", "separation margin", "amplification factor"]
+    margin = MARGIN[story.lateral.speeds.kind]
+    headers = [*HEADERS, *(f"{probe} µm" for probe in probes), margin]
+    spare = ["from", "log. decrement", "whirl", margin, "amplification factor"]
     return Table("Critical speeds", headers, rows, "\n".join(filter(None, notes)), spare=spare)
+
+
+def _margin_note(speeds: SpeedRange) -> str:
+    asked = "; in brackets what API 617 asks for" if speeds.kind == "operating" else ""
+    return f"{opening(MARGIN[speeds.kind])}: distance from {_range(speeds)}{asked}."
 
 
 def _row(one: CriticalSpeed, found: Lateral, probes: list[str]) -> list[str]:
     margin = found.margin(one)
     known = found.damping_known(one)
-    needed = f" ({margin.needed_percent:.0f} %)" if known else ""
+    operating = found.speeds.kind == "operating"
+    needed = f" ({margin.needed_percent:.0f} %)" if known and operating else ""
     sizes = one.amplitude_um or {}
     damping = [
         number(100.0 * one.damping_ratio),
@@ -113,7 +124,7 @@ def _row(one: CriticalSpeed, found: Lateral, probes: list[str]) -> list[str]:
     return [
         f"{one.speed_rpm:.0f}",
         *(damping if known else ["not determined", "-", "-", ""]),
-        one.whirl if one.whirl != "elliptic" else f"along {round(one.direction_deg)}°",
+        whirl_in_words(one.direction_deg, one.axis_ratio),
         *(number(sizes.get(probe)) if known else "-" for probe in probes),
         "inside" if margin.side == "inside" else f"{_apart(margin)}{needed}",
     ]

@@ -65,7 +65,7 @@ def ties_table(found: Explanation) -> Table | None:
         [listed(t.instead_of) or "nothing", listed(t.effects), f"{t.gap:.1f}", number(t.apart, 2), _why_tied(t)]
         for t in tied
     ]
-    headers = ["in the place of", "would do as well", "log evidence behind", "predictions differ by", "remark"]
+    headers = ["instead of", "fits as well", "log evidence behind", "predictions differ by", "remark"]
     note = (
         "Predictions differ, at the readings taken, by so many standard errors rms, with what the answer leaves "
         "counted as error."
@@ -77,8 +77,10 @@ def ties_table(found: Explanation) -> Table | None:
 def _why_tied(tied: Alternative) -> str:
     if not tied.instead_of:
         return "within the tolerance of the model's form"
-    same = "differs elsewhere, not less" if tied.apart > ALIKE else "predicts the same within the error"
-    return same if tied.gap < TIE else f"{same}; if effects may be three times as strong, or without the tolerance"
+    same = (
+        "predictions differ, the overall fit is as good" if tied.apart > ALIKE else "predicts the same within the noise"
+    )
+    return same if tied.gap < TIE else f"{same}; only with prior scales three times as wide, or without the tolerance"
 
 
 def notes(found: Explanation) -> list[str]:
@@ -156,7 +158,7 @@ def _cut_off(found: Explanation) -> list[str]:
     """Mistakes in what was written down that were not searched to the end."""
     if not found.written.cut_off:
         return []
-    meant = listed([f"whether {slip.meaning}" for slip in found.written.cut_off])
+    meant = listed([f"whether {mistake.meaning}" for mistake in found.written.cut_off])
     return [f"Not searched to the end, as it took as long as the search for the answer: {meant}."]
 
 
@@ -186,7 +188,7 @@ def _same_bow(found: Explanation) -> list[str]:
     return [
         f"Every run carries the same installed bow, whose response is {listed_ratios} that of the installed unbalance: "
         "an inherent bow and a gain "
-        "and phase of the chain change all vectors alike, and neither pins the unbalance."
+        "and phase of the chain change all vectors alike, so that the unbalance is not determined."
     ]
 
 
@@ -245,7 +247,9 @@ def explanation_tables(found: Explanation, rig: Rig | None = None) -> list[Table
 def cost_line(found: Explanation) -> str:
     """What the explanation took, and what the limit left out."""
     cost = found.cost
-    line = f"{cost.linearisations:,} linearisations of single cases, of {cost.limit:,} allowed."
+    line = (
+        f"Search effort: {cost.linearisations:,} linearisations (one run at one speed each) of {cost.limit:,} allowed."
+    )
     return (
         f"{line} Not tried when the limit of the search was reached: {listed(cost.untried)}."
         if cost.exhausted

@@ -12,7 +12,7 @@ from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
-from rotorjax.reporting.comparison_json import slip_json, step_json, view_json
+from rotorjax.reporting.comparison_json import mistake_json, step_json, view_json
 from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
 from rotorjax.reporting.explanation import balance_of, notes
 from rotorjax.units import MICROMETRE
@@ -28,8 +28,8 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         step = step_json(f"+ {found.effects[k - 1]}" if k else "before anything is added", view, fitted)
         ties = found.ties.groups() if k == len(story.fits) - 1 else _near(found, k)
         every.append({**step, "ranking": _ranking_json(found, k), "ties": ties})
-    if found.slip is not None:
-        every[0] = {**every[0], "added": found.slip.name}
+    if found.mistake is not None:
+        every[0] = {**every[0], "added": found.mistake.name}
         every.insert(0, {**step_json("before anything is added", story.declared, None), "ranking": [], "ties": []})
     uncertain = {e.entry.effect for e in story.fits[0].estimates if e.entry.declared_uncertain}
     every[0] |= {
@@ -40,7 +40,7 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "verdict": found.verdict,
         "sentence": sentence(found),
         "effects": list(found.named),
-        "written_down_wrongly": slip_json(found.slip),
+        "written_down_wrongly": mistake_json(found.mistake),
         "steps": every,
         "ranking": _ranking_json(found, 0),
         "ties": found.tied_groups(),

@@ -5,7 +5,19 @@ import math
 from rotorjax.effects.terms import TERMS
 from rotorjax.reporting.tables import number
 
-HYPHENATED = {"cross_coupling": "cross-coupling", "speed_dependent_stiffness": "speed-dependent stiffness"}
+PLAIN = {
+    "cross_coupling": "cross-coupled stiffness",
+    "duffing": "cubic stiffness",
+    "gyroscopic": "gyroscopic moment",
+    "foundation": "flexible foundation",
+    "stiffness_axes": "rotated stiffness axes",
+    "clearance": "stop behind a clearance",
+    "plane_participation": "participation error",
+    "probe_gain": "probe gain error",
+    "probe_angle": "probe angle error",
+    "chain_gain": "chain gain error",
+    "speed_dependent_stiffness": "speed-dependent stiffness",
+}
 """Plain names that are not the identifier with spaces."""
 
 
@@ -17,7 +29,7 @@ def listed(names: tuple[str, ...] | list[str]) -> str:
 def plain_name(name: str) -> str:
     """The field's name of an effect, or of what was written down wrongly, by its identifier: "residual unbalance"."""
     kind, *about = name.split(".")
-    words = TERMS[kind].words if kind in TERMS else HYPHENATED.get(kind, kind.replace("_", " "))
+    words = TERMS[kind].words if kind in TERMS else PLAIN.get(kind, kind.replace("_", " "))
     return f"{words} ({', '.join(about)})" if about else words
 
 

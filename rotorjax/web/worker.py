@@ -86,8 +86,8 @@ def _explained(
     found = explain(rig.model, measurement, **options, progress=progress)
     progress("drawing the report")
     folder, notes = Path(job["folder"]), list(measurement.notes)
-    if not rig.write(folder / RIG, found.model, found.slip):
-        cure = "" if found.slip is None else f"; change by hand: {found.slip.cure}"
+    if not rig.write(folder / RIG, found.model, found.mistake):
+        cure = "" if found.mistake is None else f"; change by hand: {found.mistake.cure}"
         notes.append(f"the saved rig file still goes with what was written down wrongly{cure}")
     told = explanation_json(found, rig)
     write_whole(folder / RESULT, json.dumps(told, indent=2, allow_nan=False, ensure_ascii=False) + "\n")

@@ -162,7 +162,7 @@ def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
     assert not found.confirmed
     assert found.verdict == "undecided"
     assert sentence(found).startswith("Undecided: cross-coupling, but ")
-    assert "on data held out the error does not fall." in sentence(found)
+    assert "the error does not fall on readings left out of the fit." in sentence(found)
 
 
 def test_draws_that_cannot_be_fitted_say_nothing_for_the_noise(monkeypatch):
@@ -320,7 +320,7 @@ def test_what_was_small_beside_less_goes_where_it_is_no_longer_needed():
     drawn = drawn_effects.draw(31072)
     reading = [name for name, cls in CATALOG.items() if cls.family == "reading"]
     others = ["speed_error", "foundation", "stiffness_error", "damping_error", "cross_coupling"]
-    found = explain(drawn.model, drawn.measurement, only=[*reading, *others], slips=False, thorough=False)
+    found = explain(drawn.model, drawn.measurement, only=[*reading, *others], mistakes=False, thorough=False)
     assert set(found.effects) == set(drawn.effects)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from rotorjax import read_measurement, read_rig
-from rotorjax.data.declarations import slips
+from rotorjax.data.declarations import mistakes
 from rotorjax.effects import CATALOG
 from rotorjax.model.conditions import Layout
 from rotorjax.physics.response import response
@@ -89,7 +89,7 @@ def test_a_mistake_is_one_that_the_answers_know(tmp_path):
     write([case], tmp_path / "cases")
     rig = read_rig(tmp_path / "cases" / f"{MISTAKEN:06d}.toml")
     measurement = read_measurement(tmp_path / "cases" / f"{MISTAKEN:06d}.csv", rig)
-    found = {slip.name: slip for slip in slips(rig.model, measurement)}
+    found = {mistake.name: mistake for mistake in mistakes(rig.model, measurement)}
     model, right = found[case.mistake].put_right(rig.model, measurement)
     plain = np.asarray(response(model.with_orders(right.orders), right.conditions))
     assert np.sqrt(np.mean(np.abs(plain - right.vectors) ** 2)) < 2.0 * np.max(right.sigma)

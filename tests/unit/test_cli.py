@@ -205,12 +205,12 @@ def test_simulate_speeds_without_noise(tmp_path):
 
 
 def test_help_names_every_command_and_each_has_its_own(capsys):
-    with pytest.raises(SystemExit, match="^0$"):
+    with pytest.raises(SystemExit, match=r"^0$"):
         run("--help")
     commands = re.findall(r"^    ([a-z-]+)(?=$|  )", capsys.readouterr().out, re.MULTILINE)
     assert {"compare", "explain", "explain-many", "diagnose", "paper"} <= set(commands)
     for name in commands:
-        with pytest.raises(SystemExit, match="^0$"):
+        with pytest.raises(SystemExit, match=r"^0$"):
             run(name, "--help")
         assert f"rotorjax {name}" in capsys.readouterr().out
 
@@ -458,7 +458,7 @@ def test_explained_model_is_taken_by_compare(example, explained, capsys):
 
 def test_explain_report_is_one_file_without_network(explained, example):
     page = (example / "e.html").read_text()
-    assert "Missing: residual unbalance and cross-coupling." in page
+    assert "The model lacks residual unbalance and cross-coupled stiffness." in page
     assert "What is missing beside residual unbalance" in page
     assert not re.search(r'(src|href)="http', page)
 

@@ -256,7 +256,7 @@ def test_orders_that_nothing_drives_are_named():
     )
     story = tell(Model(ROTOR), measurement, [effects.ResidualUnbalance()])
     assert story.undriven == (2.0,)
-    assert any("Nothing in this model drives 2X" in line for line in findings(story))
+    assert any("Nothing in this model excites 2X" in line for line in findings(story))
     assert "what the noise allows" in verdict(story)
     assert undriven_orders(Model(ROTOR).plus([effects.Clearance()]), measurement) == ()
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Jeffcott, Layout, Model, Support, SupportEffect, effects
-from rotorjax.diagnosis.critical_speeds import critical_speeds, log_decrement, orbit_of
+from rotorjax.diagnosis.critical_speeds import critical_speeds, log_decrement, orbit_of, whirl_in_words
 
 RPM = np.pi / 30.0
 
@@ -132,7 +132,11 @@ def test_logarithmic_decrement_is_that_of_free_vibration():
 
 
 def test_orbit_of():
-    assert orbit_of(np.array([1.0, -1j]), 1)[0] == "forward"
-    assert orbit_of(np.array([1.0, -1j]), -1)[0] == "backward"
+    assert orbit_of(np.array([1.0, -1j]), 1)[1] == pytest.approx(1.0)
+    assert orbit_of(np.array([1.0, -1j]), -1)[1] == pytest.approx(-1.0)
+    assert orbit_of(np.array([1.0, -0.2j]), 1) == pytest.approx((0.0, 0.2))
     angle = math.radians(30.0)
-    assert orbit_of(np.exp(0.7j) * np.array([math.cos(angle), math.sin(angle)]), 1) == ("elliptic", pytest.approx(30.0))
+    line = orbit_of(np.exp(0.7j) * np.array([math.cos(angle), math.sin(angle)]), 1)
+    assert line == (pytest.approx(30.0), pytest.approx(0.0, abs=1e-12))
+    said = [whirl_in_words(30.0, ratio) for ratio in (0.9, -0.3, 0.0)]
+    assert said == ["forward", "backward, major axis 30°", "line, 30°"]

@@ -11,7 +11,7 @@ from rotorjax import Jeffcott, Layout, Model, effects
 from rotorjax.data.measurement import Knowledge
 from rotorjax.effects import CATALOG
 from rotorjax.inference.descent import End, Local
-from rotorjax.inference.evidence import ACROSS, LARGEST, STEP, factors, log_evidence
+from rotorjax.inference.evidence import ACROSS, STEP, factors, log_evidence
 from rotorjax.inference.prior import prior_at
 from rotorjax.inference.space import Space, make_space
 
@@ -42,7 +42,7 @@ def unknowns(space: Space, *effects_named: str) -> np.ndarray:
 def test_it_is_the_mean_over_prior_scales(space, curvature: float, at: float):
     free = unknowns(space, "mass_error")
     end = fitted(space, free, np.array([[curvature]]), np.array([at]))
-    scales = factors(np.array([[curvature]]), np.ones(1), np.array([0]), LARGEST)
+    scales = factors(np.array([[curvature]]), np.ones(1), np.array([0]), 0)
 
     def averaged(unknown: float) -> float:
         prior = np.mean([norm.pdf(unknown, scale=scale) for scale in scales])
@@ -55,7 +55,7 @@ def test_it_is_the_mean_over_prior_scales(space, curvature: float, at: float):
 
 def test_scales_reach_from_what_can_be_seen_to_the_declared():
     def powers(curvature: float) -> list[int]:
-        found = factors(np.array([[curvature]]), np.ones(1), np.array([0]), LARGEST)
+        found = factors(np.array([[curvature]]), np.ones(1), np.array([0]), 0)
         return np.round(np.log(found) / math.log(STEP)).astype(int).tolist()
 
     assert powers(0.0) == [0]

@@ -26,9 +26,9 @@ def measured(low: float, high: float) -> Measurement:
 def test_margins_that_api_617_asks_for(factor, below, above):
     speeds = SpeedRange(2000.0, 3000.0, "operating")
     for speed, side, percent, needed in ((1500.0, "below", 25.0, below), (3600.0, "above", 20.0, above)):
-        critical = CriticalSpeed(speed, 0.02, factor, False, "forward", 0.0)
+        critical = CriticalSpeed(speed, 0.02, factor, False, 0.0, 1.0)
         assert SeparationMargin.of(critical, speeds) == (side, pytest.approx(percent), pytest.approx(needed))
-    assert SeparationMargin.of(CriticalSpeed(2500.0, 0.02, factor, False, "forward", 0.0), speeds)[:2] == (
+    assert SeparationMargin.of(CriticalSpeed(2500.0, 0.02, factor, False, 0.0, 1.0), speeds)[:2] == (
         "inside",
         0.0,
     )
@@ -91,11 +91,11 @@ def test_least_damped_mode_counts():
 
 
 @pytest.mark.parametrize(
-    ("whirl", "direction_deg", "known"),
-    [("elliptic", 90.0, False), ("elliptic", -60.0, False), ("elliptic", 10.0, True), ("forward", 0.0, False)],
+    ("axis_ratio", "direction_deg", "known"),
+    [(0.0, 90.0, False), (-0.3, -60.0, False), (0.3, 10.0, True), (0.8, 0.0, False)],
 )
-def test_damping_that_the_data_leave_open_along_y_is_known_of_modes_along_x_alone(whirl, direction_deg, known):
+def test_damping_that_the_data_leave_open_along_y_is_known_of_modes_along_x_alone(axis_ratio, direction_deg, known):
     found = lateral(Model(ROTOR), measured(600.0, 3000.0))
-    critical = CriticalSpeed(2500.0, 0.02, 25.0, False, whirl, direction_deg)
+    critical = CriticalSpeed(2500.0, 0.02, 25.0, False, direction_deg, axis_ratio)
     assert found.damping_known(critical)
     assert found._replace(open_axes=frozenset("y")).damping_known(critical) == known

@@ -61,12 +61,17 @@ def test_from_arrays_fills_in_what_is_usual(measured):
     assert not Measurement.from_arrays(missing, m.conditions).present[0].any()
     with pytest.raises(ValueError, match="vectors have shape"):
         Measurement.from_arrays(m.vectors[:5], m.conditions)
+    for sigma in (0.0, np.nan, np.where(np.arange(len(m.vectors))[:, None, None] == 1, -1.0, m.sigma)):
+        with pytest.raises(ValueError, match="sigma must be positive"):
+            Measurement.from_arrays(m.vectors, m.conditions, sigma=sigma)
+    with pytest.raises(ValueError, match="nothing was measured"):
+        Measurement.from_arrays(np.full_like(m.vectors, np.nan), m.conditions)
     with pytest.raises(ValueError, match="run 2 is not among"):
         Measurement.from_arrays(m.vectors, m.conditions, run=np.full(len(m.vectors), 2), runs=RUNS)
 
 
 def test_summaries_say_what_the_command_line_says(found, story, measured):
-    assert "Missing: residual unbalance." in found.summary()
+    assert "The model lacks residual unbalance." in found.summary()
     assert "Critical speeds: " in found.summary()
     for told in (found.summary(), story.summary(), story.fits[-1].summary()):
         assert re.search(

@@ -154,7 +154,7 @@ def test_every_effect_has_words_of_the_field():
     [
         ("oil_whirl", "cross_coupling"), ("whip", "cross_coupling"), ("Seal", "cross_coupling"),
         ("alford force", "cross_coupling"), ("keyway", "asymmetric_shaft"), ("two-pole", "asymmetric_shaft"),
-        ("bent_shaft", "residual_bow"), ("hot spot", "thermal_bow"), ("morton", "thermal_bow"),
+        ("bent_shaft", "residual_bow"), ("hot spot", "thermal_bow"), ("thermal bend", "thermal_bow"),
         ("loose_foundation", "foundation"), ("soft foot", "foundation"), ("rotor rub", "rub"),
         ("breathing-crack", "crack"), ("coupling_misalignment", "misalignment"), ("glitch", "runout"),
         ("keyphasor offset", "phase_reference_offset"), ("keyphasor", "phase_reference_offset"),

@@ -127,7 +127,7 @@ def test_the_example_explained(tmp_path, capsys):
         assert begun.status == 202
         job = site.ended(300.0)
         assert (job["state"], job["problems"], job["files"]) == ("done", [], ["rig.toml", "measurement.csv"])
-        assert job["sentence"].startswith(("Missing: residual unbalance", "Unexplained", "Undecided"))
+        assert job["sentence"].startswith(("The model lacks residual unbalance", "Unexplained", "Undecided"))
         assert job["stages"][0]["stage"] == "reading measurement.csv"
         assert any(stage["stage"].startswith("what is missing beside") for stage in job["stages"])
         assert 0 < job["spent"] < job["limit"]

@@ -66,7 +66,7 @@ def test_probabilities_claim_no_more_than_they_can(probability, shown):
 
 
 def test_effects_have_plain_names():
-    assert said(["residual_unbalance", "cross_coupling"]) == "residual unbalance and cross-coupling"
+    assert said(["residual_unbalance", "cross_coupling"]) == "residual unbalance and cross-coupled stiffness"
     assert plain_name("term_cubic_x") == "cubic in x"
     assert plain_name("trial_weight_opposite.first") == "trial weight opposite (first)"
 
@@ -171,14 +171,14 @@ def test_what_hardly_helps_is_not_the_answer():
     model, m = measured(effects.ResidualUnbalance(5e-6, 5e-6))
     turned = dataclasses.replace(m, vectors=np.conj(m.vectors))
     only = ["speed_error", "probe_gain", "mass_error"]
-    found = explain(model, turned, only=only, slips=False, thorough=False)
+    found = explain(model, turned, only=only, mistakes=False, thorough=False)
     assert found.verdict == "unexplained"
     assert slight(found) or not found.effects
-    assert "`--slips`" in sentence(found)
+    assert "`--mistakes`" in sentence(found)
     assert "error falls" not in sentence(found)
     tried = explain(model, turned, only=[*only, "weight_absent", "probes_exchanged"], thorough=False)
     assert tried.written.tried
-    assert "`--slips`" not in sentence(tried)
+    assert "`--mistakes`" not in sentence(tried)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ MOST_RUNS = 3
 
 def has_before(story: Story) -> bool:
     """Whether the model as declared can be drawn beside: not where what was measured, or installed, was put right."""
-    return story.changed and story.slip is None
+    return story.changed and story.mistake is None
 
 
 def draw_fall(axes: Axes, story: Story, *, short: bool = False) -> Axes:

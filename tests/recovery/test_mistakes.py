@@ -9,12 +9,12 @@ import pytest
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, explain, read_measurement, read_rig
 from rotorjax.arrays import as_array
-from rotorjax.data.declarations import promising, slips
+from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
 
 import hidden_forces
 import nonlinear_oracle as in_time
-from drawn_slips import draw_with_mistake
+from drawn_mistakes import draw_with_mistake
 from hidden import Machine, Plan, measure
 
 EFFECTS = ("residual_unbalance", "cross_coupling")
@@ -61,7 +61,7 @@ def no_mistake(rig, rows):
     return rig, rows
 
 
-def explained(folder, mistake, slips):
+def explained(folder, mistake, mistakes):
     """The example with a mistake made in its files."""
     write_example(folder)
     with (folder / "measurement.csv").open(encoding="utf-8", newline="") as file:
@@ -73,7 +73,7 @@ def explained(folder, mistake, slips):
         table.writeheader()
         table.writerows(rows)
     rig = read_rig(folder / "rig.toml")
-    return explain(rig.model, read_measurement(folder / "measurement.csv", rig), slips=slips, thorough=False)
+    return explain(rig.model, read_measurement(folder / "measurement.csv", rig), mistakes=mistakes, thorough=False)
 
 
 CAMPAIGN = pytest.mark.campaign
@@ -92,7 +92,7 @@ CAMPAIGN = pytest.mark.campaign
     ],
 )
 def test_a_mistake_is_named_with_the_effects_beside_it(tmp_path, mistake, name):
-    found = explained(tmp_path, mistake, slips=None if name else True)
+    found = explained(tmp_path, mistake, mistakes=None if name else True)
     named = [found.named, *(other.named for other in found.written.tied)]
     assert tuple(filter(None, (name, *EFFECTS))) in named
     assert found.verdict == ("undecided" if found.tied_groups() else "explained")
@@ -101,7 +101,7 @@ def test_a_mistake_is_named_with_the_effects_beside_it(tmp_path, mistake, name):
 @pytest.mark.campaign
 @pytest.mark.parametrize("mistake", [reversed_probe, reversed_rotation])
 def test_a_reversed_probe_and_a_reversed_rotation_tie(tmp_path, mistake):
-    found = explained(tmp_path, mistake, slips=True)
+    found = explained(tmp_path, mistake, mistakes=True)
     assert found.verdict == "undecided"
     named = {found.named, *(other.named for other in found.written.tied)}
     assert {("rotation_reversed", *EFFECTS), ("probe_reversed.Y", *EFFECTS)} <= named
@@ -111,10 +111,12 @@ def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path)
     write_example(tmp_path)
     rig = read_rig(tmp_path / "rig.toml")
     measurement = read_measurement(tmp_path / "measurement.csv", rig)
-    every = slips(rig.model, measurement)
-    assert len({slip.name for slip in every}) == len(every)
+    every = mistakes(rig.model, measurement)
+    assert len({mistake.name for mistake in every}) == len(every)
     assert promising(rig.model, measurement, every) == every
-    assert not any(slip.kind == "phase_sign_reversed" for slip in slips(rig.model, measurement, ["amplitude_unit"]))
+    assert not any(
+        mistake.kind == "phase_sign_reversed" for mistake in mistakes(rig.model, measurement, ["amplitude_unit"])
+    )
 
 
 @pytest.mark.campaign

@@ -9,11 +9,11 @@ them is tried under that noise before a force that depends on motion holds.
 import dataclasses
 import math
 from collections.abc import Collection, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
-from rotorjax.data.declarations import Slip, log_odds, promising, slips
+from rotorjax.data.declarations import Mistake, log_odds, mistakes, promising
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.race import score, share_counted
 from rotorjax.discovery.rivals import TIE
@@ -21,20 +21,18 @@ from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, de
 from rotorjax.discovery.search import Progress, Selection, select
 from rotorjax.discovery.ties import noise_left, settled
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
-from rotorjax.model.contract import Effect
+from rotorjax.model.contract import Effect, Family
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
-FAMILY_ODDS = 0.25
-"""Prior odds that something was written down wrongly: those of a family of effects."""
 OF_WHAT_IS_STATED = 0.6
-"""Share of the linearisations left for what is stated where the rotor may have another weight: RK4 took 0.52."""
+"""Share of the linearisations left for what is stated where the rotor may have another weight."""
 
 
 class Alternative(NamedTuple):
     """What is stated, or a change of it, with the best effects beside."""
 
-    slip: Slip | None
+    mistake: Mistake | None
     selection: Selection
     score: float
     """Logarithm of marginal likelihood and prior odds, up to a constant."""
@@ -44,7 +42,7 @@ class Alternative(NamedTuple):
     @property
     def named(self) -> tuple[str, ...]:
         """What was changed, then the effects."""
-        return (*([] if self.slip is None else [self.slip.name]), *self.selection.effects)
+        return (*([] if self.mistake is None else [self.mistake.name]), *self.selection.effects)
 
 
 class Race(NamedTuple):
@@ -53,7 +51,7 @@ class Race(NamedTuple):
     ranked: tuple[Alternative, ...]
     tried: bool = True
     """Whether changes of what is stated took part."""
-    cut_off: tuple[Slip, ...] = ()
+    cut_off: tuple[Mistake, ...] = ()
     """Those whose search was ended, as it took as long as that for the answer."""
 
     @property
@@ -67,14 +65,14 @@ class Race(NamedTuple):
         return tuple(other for other in self.ranked[1:] if self.best.score - other.score < TIE)
 
 
-def race_of_slips(
+def race_of_mistakes(
     contest: Contest,
     kinds: Collection[str],
     most: int,
     catalog: Mapping[str, type[Effect]],
     progress: Progress,
     *,
-    always: bool = True,
+    always: bool,
 ) -> Race:
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
@@ -83,11 +81,11 @@ def race_of_slips(
     are searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
     """
     measurement = contest.measurement
-    every = slips(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
+    every = mistakes(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
     if not every:
         return Race((Alternative(None, select(contest, most, progress=progress), 0.0, 0.0),), tried=False)
-    odds = log_odds(every, FAMILY_ODDS)
-    changes = [Change.of(contest, slip, odds[slip.name]) for slip in promising(contest.space.model, measurement, every)]
+    odds = log_odds(every, 1.0 / len(get_args(Family)))
+    changes = [Change.of(contest, one, odds[one.name]) for one in promising(contest.space.model, measurement, every)]
     screened, stated, budget = [], None, contest.budget
     if measurement.sigma is not None:
         stated = as_stated(contest)
@@ -199,11 +197,11 @@ def _with_near(
     progress: Progress,
     *,
     share: float | int = math.inf,
-) -> tuple[list[Alternative], tuple[Slip, ...]]:
+) -> tuple[list[Alternative], tuple[Mistake, ...]]:
     """An answer, and changes searched, the nearest first, until the next is out of reach of what was found; and those
     that were cut off. **Arguments:** ``share``: linearisations for each of them.
     """
-    found, cut_off, holds = [first], list[Slip](), first.misfit <= noise.allowance
+    found, cut_off, holds = [first], list[Mistake](), first.misfit <= noise.allowance
     for one in near:
         budget = one.change.contest.budget
         if budget.exhausted or (holds and not all(_in_reach(one, other, noise) for other in found)):
@@ -211,8 +209,8 @@ def _with_near(
         before = budget.spent
         with budget.share(share):
             other = _searched(one.change, most, progress)
-            if budget.exhausted and one.change.slip is not None:
-                cut_off.append(one.change.slip)
+            if budget.exhausted and one.change.mistake is not None:
+                cut_off.append(one.change.mistake)
         # Of an unknown noise each alternative has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
             if other.score > max(answer.score for answer in found):
@@ -221,15 +219,15 @@ def _with_near(
     return found, tuple(cut_off)
 
 
-def _ranked(found: list[Alternative], cut_off: tuple[Slip, ...]) -> Race:
+def _ranked(found: list[Alternative], cut_off: tuple[Mistake, ...]) -> Race:
     ranked = tuple(sorted(found, key=lambda one: -one.score))
-    return Race(ranked, cut_off=tuple(slip for slip in cut_off if slip != ranked[0].slip))
+    return Race(ranked, cut_off=tuple(mistake for mistake in cut_off if mistake != ranked[0].mistake))
 
 
 def _searched(change: Change, most: int, progress: Progress) -> Alternative:
-    assert change.slip is not None
-    progress(f"whether {change.slip.meaning}")
-    return _alternative(change.slip, select(change.contest, most), change.log_odds)
+    assert change.mistake is not None
+    progress(f"whether {change.mistake.meaning}")
+    return _alternative(change.mistake, select(change.contest, most), change.log_odds)
 
 
 def _near(
@@ -260,7 +258,7 @@ def _near(
     return sorted(found, key=lambda one: one.cost)
 
 
-def _alternative(slip: Slip | None, selection: Selection, odds: float = 0.0) -> Alternative:
+def _alternative(mistake: Mistake | None, selection: Selection, odds: float = 0.0) -> Alternative:
     contest, noise = selection.contest, noise_left(selection)
     contender = selection.known[selection.present]
-    return Alternative(slip, selection, score(contest, contender, noise) + odds, noise.allowance)
+    return Alternative(mistake, selection, score(contest, contender, noise) + odds, noise.allowance)
