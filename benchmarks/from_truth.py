@@ -8,11 +8,14 @@ beside a bow may improve chi-square by 500 and be replaced, all but 5, by a slig
 
 import dataclasses
 import itertools
+import tempfile
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rotorjax import read_measurement, read_rig
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.race import contender_of, race
@@ -21,6 +24,8 @@ from rotorjax.inference.descent import Start, descend
 from rotorjax.inference.manner import THOROUGH
 from rotorjax.inference.noise import Noise
 
+from detailed.case import Case
+from detailed.files import write_case
 from scoring import needed, true
 
 
@@ -50,6 +55,23 @@ def against_truth(found: Explanation, row: dict[str, Any]) -> dict[str, Any]:
     least = _chi_square(contest, fitted[best])
     brings = {name: _chi_square(contest, without[best - {name}]) - least for name in parts}
     return {"lead_of_truth": lead, "brings": brings}
+
+
+def left_by_answer(case: Case, found: Explanation) -> float | None:
+    """Chi-square that the answer leaves when it is fitted to the vectors without their noise: what tells it, at these
+    readings, from a force that the catalogue does not have. None where that is not what was hidden, or not explained.
+    """
+    if case.outside is None or found.verdict != "explained" or found.mistake is not None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        quiet = dataclasses.replace(case, vectors=case.bench.settled(case.plant))
+        rig_file, table = write_case(quiet, Path(folder))
+        measurement = read_measurement(table, read_rig(rig_file))
+    vectors = measurement.vectors[:, :, [measurement.orders.index(n) for n in found.contest.measurement.orders]]
+    own = dataclasses.replace(found.contest.measurement, vectors=vectors)
+    contest, winner = dataclasses.replace(found.contest, budget=Budget(), measurement=own), found.ties.winner
+    again = race(contest, winner.noise, [winner.effects], {winner.effects: winner._replace(foreseen=True)})
+    return _chi_square(contest, again[winner.effects])
 
 
 def _from_truth(

@@ -44,7 +44,7 @@ def explained(seed: int) -> dict[str, Any]:
     from rotorjax.compilation import spare_memory_maps, use_double_precision  # noqa: PLC0415
 
     from answers import answer  # noqa: PLC0415
-    from from_truth import against_truth  # noqa: PLC0415
+    from from_truth import against_truth, left_by_answer  # noqa: PLC0415
     from further_readings import after_further_readings  # noqa: PLC0415
 
     use_double_precision()
@@ -57,7 +57,8 @@ def explained(seed: int) -> dict[str, Any]:
     found = explain(rig.model, measurement)
     seconds, true = time.perf_counter() - begin, truth(case)
     row = {**true, **answer(found), "took": seconds, "code": code()}
-    row |= against_truth(found, true) | {"further_readings": after_further_readings(case, found)}
+    row |= against_truth(found, true) | {"left_by_answer": left_by_answer(case, found)}
+    row |= {"further_readings": after_further_readings(case, found)}
     spare_memory_maps()
     return row
 

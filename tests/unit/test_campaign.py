@@ -108,8 +108,12 @@ def test_a_mistake_is_one_that_the_answers_know(tmp_path):
         ({"named": [], "verdict": "nothing missing", "small": ["rub"]}, "small by another name"),
         ({"named": [], "verdict": "nothing missing", "small": ["rub"], "small_ties": [[["rub"], ["duffing"]]]},
          "among what ties"),
+        ({"named": [], "verdict": "nothing missing", "small": ["gyroscopic"]}, "WRONG"),
+        ({"named": [], "verdict": "nothing missing", "small": ["gyroscopic"],
+          "small_ties": [[["gyroscopic"], ["duffing"]]]}, "among what ties"),
         ({"named": [], "verdict": "nothing missing", "improvements": {"duffing": 20.0}}, "right"),
         ({"named": ["rub"], "contains": [["duffing"]]}, "in other words"),
+        ({"named": ["rub"], "small": ["gyroscopic"], "contains": [["duffing"]]}, "in other words"),
         ({"named": ["duffing", "rub"]}, "WRONG"),
         ({"named": ["duffing", "gyroscopic"]}, "right"),
         ({"named": ["duffing", "gyroscopic"], "detail": {"gyroscopic": 2.0}}, "WRONG"),
@@ -119,6 +123,8 @@ def test_a_mistake_is_one_that_the_answers_know(tmp_path):
         ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0,
           "verdict": "unexplained"},
          "not called explained"),
+        ({"effects": [], "improvements": {"slider": 99.0}, "outside": "slider", "beyond": 50.0, "left_by_answer": 5.0},
+         "by a relative that does the same"),
     ],
 )  # fmt: skip
 def test_what_an_answer_is_called(changes, verdict):
