@@ -49,5 +49,5 @@ class Reported(Shown):
 
     @property
     def plot(self) -> "Plots":
-        """Its pictures, each drawn on the axes that one gives or on new ones: ``found.plot.bode()``."""
+        """Its pictures, each drawn on the axes that one gives or on new ones: ``found.plot.amplitude()``."""
         return importlib.import_module("rotorjax.reporting.pictures").Plots(self)

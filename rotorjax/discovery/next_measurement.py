@@ -234,7 +234,12 @@ def _prediction(
     """Vectors, and how the uncertainty of the free unknowns spreads them (a factor of their covariance)."""
     near = (contest.measurement.conditions, end.motions)
     found = predict(contest.space, conditions, end.point, budget=contest.budget, near=near, free=end.free)
-    # The curvature is at least the prior's, whatever rounding makes of it where the data say a million times more.
-    curvatures, directions = np.linalg.eigh(end.curvature)
-    root = directions / np.sqrt(np.maximum(curvatures, np.min(end.prior.weight, initial=1.0)))
-    return found.shown, found.slopes @ root
+    return found.shown, found.slopes @ covariance_root(end.curvature, float(np.min(end.prior.weight, initial=1.0)))
+
+
+def covariance_root(curvature: Float[np.ndarray, "free free"], least: float) -> Float[np.ndarray, "free free"]:
+    """R with R Rᵀ the inverse of a curvature whose eigenvalues are ``least`` at least, that of the prior, whatever
+    rounding makes of them where the data say a million times more.
+    """
+    values, directions = np.linalg.eigh(curvature)
+    return directions / np.sqrt(np.maximum(values, least))

@@ -24,8 +24,6 @@ NEAR = 15.0
 """Log evidence behind the winner up to which an alternative is fitted again, and compared under other errors."""
 AS_GOOD = 2.0
 """Difference of cost up to which a larger set is said to fit neither better nor worse than the one that it contains."""
-MOST_LEADERS = 3
-"""Sets, one after the other, that turn out more probable than the answer and take its place."""
 TRIED_PAIRS = 5
 """Best replacements of an effect of which pairs are tried in its place."""
 
@@ -87,12 +85,13 @@ def noise_left(selection: Selection) -> Noise:
 
 def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[Selection, Ties]:
     """The answer with what ties with it: what turns out more probable among all that was raced takes its place."""
-    contest = selection.contest
+    contest, answered = selection.contest, {selection.present}
     ties = find_ties(contest, selection, noise_left(selection), catalog)
-    for _ in range(MOST_LEADERS):
-        better = None if contest.budget.exhausted else ties.better(contest, selection.most)
-        if better is None:
+    # Each under the noise that it leaves itself: two may each be ahead under the other's.
+    while not contest.budget.exhausted and (better := ties.better(contest, selection.most)) is not None:
+        if better.effects in answered:
             break
+        answered.add(better.effects)
         selection = retold(selection, better.effects, ties.raced)
         ties = find_ties(contest, selection, noise_left(selection), catalog)
     if contest.budget.exhausted:
@@ -148,7 +147,7 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
     tied += _within_tolerance(contest, selection, noise, by_itself, winner)
     every, small = _simplest(tied), frozenset(selection.small)
     of_small = tuple(t for t in every if t.instead_of and small >= set(t.instead_of))
-    return Ties(tuple(t for t in every if t not in of_small), of_small, _least(contains), winner, found)
+    return Ties(tuple(t for t in every if t not in of_small), of_small, _minimal(contains), winner, found)
 
 
 def _takes_the_place(instead: Effects, gone: Effects, catalog: Mapping[str, type[Effect]]) -> bool:
@@ -265,7 +264,7 @@ def _simplest(tied: list[Alternative]) -> tuple[Alternative, ...]:
     return tuple(other for other in ranked if len(other.effects) - len(other.instead_of) == excess[other.instead_of])
 
 
-def _least(contains: list[Alternative]) -> tuple[Alternative, ...]:
+def _minimal(contains: list[Alternative]) -> tuple[Alternative, ...]:
     """Without those that hold another one, in the same place, and more."""
     return tuple(
         one

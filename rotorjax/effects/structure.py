@@ -63,7 +63,7 @@ class MassError(MatrixEffect):
 
     name: ClassVar[str] = "mass_error"
     family: ClassVar[Family] = "structure"
-    meaning: ClassVar[str] = "effective mass of disk and shaft off"
+    meaning: ClassVar[str] = "effective mass of disk and shaft differs from what is stated"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.2"
     relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "gyroscopic", "speed_error")
     error: Array = parameter("relative error", scale=0.05)

@@ -107,7 +107,7 @@ class DeadBand(AxisForce, RestoringEffect):
     name: ClassVar[str] = "term_dead_band_{a}"
     family: ClassVar[Family] = "restoring"
     meaning: ClassVar[str] = "a stop along {a} on either side, reached at the end of a gap"
-    words: ClassVar[str] = "dead band along {a}"
+    words: ClassVar[str] = "two-sided stop along {a}"
     source: ClassVar[str] = (
         "Nayfeh, Mook, Nonlinear Oscillations, Wiley 1979, section 2.3; Ehrich, Handbook of Rotordynamics, 1992, "
         "section 1.8"

@@ -47,7 +47,8 @@ def misses(found: Explanation) -> str:
     """How far the model as declared is off, and what fitting the values declared uncertain leaves of that."""
     story, fitted = found.story, ""
     if found.mistake is None and story.fits and story.fits[0].estimates:
-        fitted = f"; after adjusting the values declared uncertain by {number(story.views[0].rms / MICROMETRE)} µm rms"
+        left = number(story.views[0].rms / MICROMETRE)
+        fitted = f"; {left} µm rms remain once the values declared uncertain are adjusted"
     return f"The model as declared differs from the measurement by {misfit_share(story.declared)}{fitted}."
 
 

@@ -31,7 +31,7 @@ MODEL = Model(Jeffcott(MACHINE.mass, list(MACHINE.stiffness), list(MACHINE.ratio
 
 HIDDEN = {
     "cubic in x": (in_time.cubic_x(3e10), "term_cubic_x", {"cubic_n_per_m3": 3e10}),
-    "dead band along x of 0.12 mm": (
+    "two-sided stop along x of 0.12 mm": (
         in_time.dead_band_x(2e4, GAP), "term_dead_band_x", {"stiffness_n_per_m": 2e4, "inverse_gap_per_m": 1 / GAP},
     ),
     "stop on one side along y at -0.11 mm": (
@@ -109,7 +109,7 @@ def test_what_does_hardly_worse_is_said():
     declared = fit(*measured(drawn), free=(), held_out=False)
     found = name_force(declared, declared, ())
     assert sorted([found.words, *found.rivals]) == [
-        "dead band along y of 0.28 mm",
+        "two-sided stop along y of 0.28 mm",
         "stop on one side along y at -0.28 mm",
     ]
     assert found.enough
@@ -124,7 +124,7 @@ def test_a_gap_that_has_to_be_fitted_does_not_exclude_a_rival():
     assert drawn.term == "term_dead_band_y"
     declared = fit(*measured(drawn), free=(), held_out=False)
     found = name_force(declared, declared, ())
-    assert any(words.startswith("dead band along y") for words in (found.words, *found.rivals))
+    assert any(words.startswith("two-sided stop along y") for words in (found.words, *found.rivals))
 
 
 def test_one_named_effect_that_a_term_beats():

@@ -85,6 +85,8 @@ def test_probes_must_match(paper_rotor):
     model = Model(paper_rotor, Probes([0.0], [1.0], [0.0]), layout=Model(paper_rotor).layout._replace(probes=("X",)))
     with pytest.raises(ValueError, match="the model has probes"):
         compare(model, measurement_of([[[1e-6], [1e-6]]]))
+    with pytest.raises(ValueError, match="the model has probes"):
+        fit(model + effects.ResidualBow(), measurement_of([[[1e-6], [1e-6]]]))
 
 
 def test_speeds_within_two_percent_are_one():
@@ -103,6 +105,9 @@ def test_folds():
     assert len(none) == 0
     assert "2 runs at 1 speed leave" in reason
     assert folds(measurement_of(np.ones((4, 2, 1))))[0].sum() == 4
+    # Of five runs named two have a case: that is no fold over runs.
+    gaps = measurement_of(np.ones((6, 2, 1)), runs=[0, 0, 0, 4, 4, 4], speeds=np.tile([1000.0, 1200.0, 1400.0], 2))
+    assert [list(fold.nonzero()[0]) for fold in folds(gaps)[0]] == [[0, 3], [1, 4], [2, 5]]
 
 
 def test_a_fold_that_would_lose_what_only_one_run_shows_is_refused():

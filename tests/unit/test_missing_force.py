@@ -186,7 +186,7 @@ def test_words_are_plain(paper_rotor):
         "cross coupling",
     }
     assert expected <= words
-    assert "dead band along x of 0.19 mm" in words
+    assert "two-sided stop along x of 0.19 mm" in words
     assert "clearance beyond 0.19 mm" in words
     assert len([shape for shape in tried if shape.term == "term_dead_band_y"]) == 12
 

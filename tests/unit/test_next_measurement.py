@@ -12,6 +12,7 @@ from rotorjax.discovery.next_measurement import (
     SETTLES,
     Differences,
     chosen_readings,
+    covariance_root,
     form_errors,
 )
 from rotorjax.reporting.answer import sentence
@@ -48,6 +49,15 @@ def test_no_more_are_chosen_than_settle_it(rng):
 def test_none_is_chosen_where_none_is_allowed(rng):
     given = differences(rng, 1.0)
     assert chosen_readings(given._replace(allowed=np.zeros(30, bool))) == ([], 0.0)
+
+
+@pytest.mark.parametrize("told", [1e1, 1e5, 1e7])
+def test_what_the_data_do_not_determine_spreads_as_the_prior_does(rng, told):
+    """Five unknowns, of which the data determine three, to a ten-millionth of the prior."""
+    determined, rest = np.split(np.linalg.qr(rng.standard_normal((5, 5)))[0], [3], axis=1)
+    root = covariance_root(told**2 * determined @ determined.T + np.eye(5), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(rest.T @ root, axis=1), 1.0, rtol=0.05)
+    assert np.all(np.linalg.norm(determined.T @ root, axis=1) < 2.0 / told + 1e-6)
 
 
 def test_what_all_readings_have_in_common_is_not_averaged_away(rng):

@@ -1,4 +1,4 @@
-"""Pictures of a result by name: ``found.plot.bode()``."""
+"""Pictures of a result by name: ``found.plot.amplitude()``."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ class Plots:
         """The error step by step, with that on data held out."""
         return draw_fall(ax or _new(5.6, 3.2), self._story, short=True)
 
-    def bode(
+    def amplitude(
         self, ax: Axes | None = None, *, run: str | None = None, probe: str | None = None, order: float | None = None
     ) -> Axes:
         """Amplitude over speed of one run, by default that with the largest vibration: measured, as declared, and with
