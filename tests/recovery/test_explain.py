@@ -494,7 +494,7 @@ def test_a_declared_uncertain_value_is_estimated_along_and_leaves_the_race():
     assert abs(estimate.value) == pytest.approx(0.1, abs=0.005)
     assert estimate.finding
     assert any("mass_error.error, declared uncertain, had to move by" in line for line in notes(found))
-    fitted = f"with the values declared uncertain fitted by {found.story.last.rms * 1e6:.3g} µm rms."
+    fitted = f"{found.story.last.rms * 1e6:.3g} µm rms remain once the values declared uncertain are adjusted."
     assert fitted in sentence(found)
 
 
