@@ -67,7 +67,8 @@ def improvements(row: Row) -> dict[str, float]:
 
 def with_others_fitted(row: Row) -> Row:
     """The row with what each effect improves once the parameters of all others are fitted anew without it, where that
-    is known: no tool can see more of it. Drawn sizes only hold stiffness, damping and mass free.
+    is known, by the noise and the tolerance as `explain` counts them: what is left to be seen. Drawn sizes only hold
+    stiffness, damping and mass free.
     """
     alone, brings = row["improvements"], row.get("brings") or {}
     return {**row, "improvements": {name: min(value, brings.get(name, value)) for name, value in alone.items()}}

@@ -41,7 +41,7 @@ class Cost(NamedTuple):
 
 
 class Small(NamedTuple):
-    """An effect that was detected but changes the prediction by less than the noise."""
+    """An effect that was detected but changed the prediction by less than the noise when it was found."""
 
     effect: str
     why: str

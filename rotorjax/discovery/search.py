@@ -153,8 +153,9 @@ def select(
 ) -> Selection:
     """Add effects one after the other until "none" is probable.
 
-    After each addition all one-for-one swaps and all pairs of the best eight are tried, then effects that are not
-    needed go. **Arguments:** ``most`` effects at most; ``known``: what a search that was cut off had fitted.
+    After each addition all one-for-one swaps and all pairs of the best eight are tried (`Contest.lean` leaves out
+    forces that cost more than they promise), unless a first effect holds within the noise by itself; then effects that
+    are not needed go. **Arguments:** ``most`` effects at most; ``known``: what a search that was cut off had fitted.
     """
     table: Known = dict(known or {})
     start = settle(contest, [NOTHING], table, _wide(contest))

@@ -36,7 +36,7 @@ class Story(Reported):
     declared: Comparison
     additions: tuple[str, ...]
     fits: tuple[Fit, ...]
-    """The first with the declared uncertain values alone, then one per addition; empty if nothing was added."""
+    """The first with the declared uncertain values alone, then one per addition; empty where nothing was fitted."""
     views: tuple[Comparison, ...]
     """The comparison after each fit."""
     rivals: tuple[Rival, ...]

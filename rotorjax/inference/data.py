@@ -1,4 +1,4 @@
-"""A measurement as compiled code wants it, what to leave out of it, and where descents begin."""
+"""A measurement in units of its noise, what to leave out of it, and where descents begin."""
 
 import itertools
 from typing import NamedTuple

@@ -150,8 +150,8 @@ class Effect(eqx.Module):
     """One physical effect, local to a station, written for one case at one speed; ``vmap`` is the caller's business.
 
     A final subclass sets the class data, declares its parameters as fields by `parameter`, and inherits from one
-    or more of the hooks `SpeedEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`, `RestoringEffect`,
-    `ReadingEffect`, `WaveformEffect`.
+    or more of the hooks `SpeedEffect`, `SweepEffect`, `SupportEffect`, `MatrixEffect`, `ExcitationEffect`,
+    `RestoringEffect`, `ReadingEffect`, `WaveformEffect`.
     """
 
     name: AbstractClassVar[str]

@@ -161,7 +161,7 @@ def test_what_does_not_hold_on_data_held_out_is_undecided(monkeypatch):
     assert found.effects == ("cross_coupling",)
     assert not found.confirmed
     assert found.verdict == "undecided"
-    assert sentence(found).startswith("Undecided: cross-coupling, but ")
+    assert sentence(found).startswith("Undecided: cross-coupled stiffness, but ")
     assert "the error does not fall on readings left out of the fit." in sentence(found)
 
 
