@@ -140,6 +140,6 @@ def measured(drawn: Drawn) -> tuple[Model, Measurement]:
     unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in plan.weights.values()])[run]
     conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=unbalance)
     measurement = Measurement.from_arrays(
-        drawn.vectors, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma
+        drawn.vectors, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma or None
     )
     return Model(rotor, layout=Layout(orders=orders)), measurement

@@ -39,7 +39,7 @@ def measured(
     conditions = Conditions.at(np.tile(plan.speeds, len(plan.weights)), unbalance=installed)
     orders = tuple(float(n) for n in plan.orders)
     measurement = Measurement.from_arrays(
-        z, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma
+        z, conditions, run=run, runs=tuple(plan.weights), orders=orders, sigma=plan.sigma or None
     )
     return Model(rotor, layout=Layout(orders=orders)), measurement
 

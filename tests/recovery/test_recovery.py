@@ -34,7 +34,7 @@ def measure(in_time, *, noise: float = SIGMA, seed: int = 0) -> Measurement:
     runs = np.repeat(np.arange(len(WEIGHTS)), len(SPEEDS_RPM))
     weights = np.array([[[w.real, w.imag]] for w in map(complex, WEIGHTS.values())])[runs]
     conditions = Conditions.at_rpm(np.tile(SPEEDS_RPM, len(WEIGHTS)), unbalance=weights, bow=[BOW.real, BOW.imag])
-    return Measurement.from_arrays(z, conditions, run=runs, runs=tuple(WEIGHTS), orders=(1.0, 2.0), sigma=noise)
+    return Measurement.from_arrays(z, conditions, run=runs, runs=tuple(WEIGHTS), orders=(1.0, 2.0), sigma=noise or None)
 
 
 CASES_UNBALANCE = CASES["mass_error"][1](1.0).unbalance

@@ -99,7 +99,7 @@ def test_reports_are_written_where_asked(found, story, tmp_path):
         assert "<script" not in text
 
 
-@pytest.mark.parametrize("name", ["error", "bode", "polar", "residuals", "correlations"])
+@pytest.mark.parametrize("name", ["error", "amplitude", "polar", "residuals", "correlations"])
 def test_pictures_have_labels_and_are_drawn_where_asked(found, story, name):
     for result in (found, story):
         axes = getattr(result.plot, name)()
