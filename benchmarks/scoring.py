@@ -228,7 +228,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     clean, in_catalogue = standard(rows, 0.01), [row for row in rows if row["outside"] is None]
     nothing = [row for row in in_catalogue if not hidden(row)]
     outside = [row for row in rows if row["outside"] is not None and weakest(row) > SEEN]
-    told = [*filter(told_apart, outside)]
+    told = [row for row in outside if row["beyond"] > SEEN]
     mistaken = [row for row in in_catalogue if row["mistake"] and row["mistake_improvement"] > SEEN]
     two = [row for row in in_catalogue if len(row["effects"]) == 2 and row["mistake"] is None and weakest(row) > SEEN]
     usual = [row for row in two if row["poorer"] == "none"]
@@ -249,6 +249,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         rate("all: too small to matter, by a wrong name", rows, is_small_misnamed),
         rate("nothing hidden: explained by what is not there", nothing, is_confident_wrong, "<= 0.02"),
         rate("force outside the catalogue, told from it: not called explained", told, _not_explained, ">= 0.95"),
+        rate("the same, told from an answer called explained too", [*filter(told_apart, told)], _not_explained),
         rate("force outside the catalogue, seen: not called explained", outside, _not_explained),
         rate("mistake: named, or tied", mistaken, _mistake_named, ">= 0.90"),
         rate("mistake: explained by something else", mistaken, _mistake_lost, "<= 0.01"),

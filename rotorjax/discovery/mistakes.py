@@ -106,7 +106,7 @@ def race_of_mistakes(
     stated = stated or screen(Change(None, contest), noise)
     if not screened:
         progress("whether something was written down wrongly")
-        hopeless = _hopeless(own, noise)
+        hopeless = _Reach.of(own, noise).hopeless
         screened = [screen(change, noise, hopeless=hopeless) for change in changes]
     near = _near(own, stated, screened, noise, beside_forces=doubtful)
     if unfinished:
@@ -154,20 +154,29 @@ def _like_a_mistake(own: Alternative) -> bool:
     return any(e.name in own.selection.present and e.family in families for e in contest.space.model.effects)
 
 
-def _least(own: Alternative, noise: Noise) -> float:
-    """Log evidence and prior odds under a noise from which on a change may do as well as the answer."""
-    contest = own.selection.contest
-    return score(contest, own.selection.known[own.selection.present], noise, normalised=False) - TIE
+class _Reach(NamedTuple):
+    """What changes must come to that may do as well as an answer, under one noise."""
 
+    least: float
+    """Log evidence and prior odds."""
+    share: float
+    """Of the cost of the data that counts."""
 
-def _hopeless(answer: Alternative, noise: Noise) -> float:
-    """Cost of a change from which on it cannot do as well as an answer under a noise."""
-    return -_least(answer, noise) / share_counted(answer.selection.contest, noise)
+    @classmethod
+    def of(cls, answer: Alternative, noise: Noise) -> "_Reach":
+        """Of an answer."""
+        selection = answer.selection
+        own = score(selection.contest, selection.known[selection.present], noise, normalised=False)
+        return cls(own - TIE, share_counted(selection.contest, noise))
 
+    @property
+    def hopeless(self) -> float:
+        """Cost of a change from which on it cannot do as well."""
+        return -self.least / self.share
 
-def _in_reach(one: Screened, answer: Alternative, noise: Noise) -> bool:
-    """Whether a change may do as well as an answer under a noise."""
-    return -one.counting(share_counted(answer.selection.contest, noise)) > _least(answer, noise)
+    def holds(self, one: Screened) -> bool:
+        """Whether a change may do as well."""
+        return -one.counting(self.share) > self.least
 
 
 def _without_what_is_stated(stated: Screened, ahead: list[Screened], most: int, progress: Progress) -> Race | None:
@@ -202,9 +211,10 @@ def _with_near(
     that were cut off. **Arguments:** ``share``: linearisations for each of them.
     """
     found, cut_off, holds = [first], list[Mistake](), first.misfit <= noise.allowance
+    reaches = [_Reach.of(first, noise)]
     for one in near:
         budget = one.change.contest.budget
-        if budget.exhausted or (holds and not all(_in_reach(one, other, noise) for other in found)):
+        if budget.exhausted or (holds and not all(reach.holds(one) for reach in reaches)):
             break
         before = budget.spent
         with budget.share(share):
@@ -216,6 +226,7 @@ def _with_near(
             if other.score > max(answer.score for answer in found):
                 share = min(share, budget.spent - before)
             found.append(other)
+            reaches.append(_Reach.of(other, noise))
     return found, tuple(cut_off)
 
 
@@ -247,13 +258,13 @@ def _near(
             likely += [one for one in screened if one.change.of_weight and one not in likely]
         return sorted(likely, key=lambda one: one.cost)[:MOST_SEARCHED]
     with_forces = [one for one in screened if beside and (beside_forces or one.change.of_weight)]
-    near = [one for one in screened if one not in with_forces and _in_reach(one, own, noise) and one.differs(stated)]
+    reach = _Reach.of(own, noise)
+    near = [one for one in screened if one not in with_forces and reach.holds(one) and one.differs(stated)]
     found = [one.without(costly) for one in near]
     if with_forces:
         level = screen(stated.change, noise, answer)
-        hopeless = _hopeless(own, noise)
-        fitted = [screen(one.change, noise, answer, hopeless=hopeless) for one in with_forces]
-        near = [one for one in fitted if _in_reach(one, own, noise) and one.differs(level)]
+        fitted = [screen(one.change, noise, answer, hopeless=reach.hopeless) for one in with_forces]
+        near = [one for one in fitted if reach.holds(one) and one.differs(level)]
         found += [one.without(costly - beside) for one in near]
     return sorted(found, key=lambda one: one.cost)
 
