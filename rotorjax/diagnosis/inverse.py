@@ -10,8 +10,9 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.least_squares import Solution, solve
 from rotorjax.diagnosis.separability import why_not_separable
+from rotorjax.effects import CATALOG
 from rotorjax.inference.faults import installed_faults, polar_covariance
-from rotorjax.inference.space import make_space, with_company
+from rotorjax.inference.space import make_space
 from rotorjax.model.model import Model
 
 
@@ -59,7 +60,9 @@ def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ..
         raise ValueError("the table holds no order 1: unbalance and bow show at 1X")
     if missing := [run for run in reference if run not in measurement.runs]:
         raise ValueError(f"reference run {missing[0]!r} is not in the table, which has {', '.join(measurement.runs)}")
-    full = with_company(model.with_orders(measurement.orders), {u.effect for u in measurement.knowledge.uncertain})
+    full = model.with_orders(measurement.orders).in_company(
+        CATALOG[name] for name in {u.effect for u in measurement.knowledge.uncertain}
+    )
     solutions, fitted = solve(make_space(full, measurement.knowledge), measurement)
     inherent = _inherent(measurement, fitted, solutions, reference) if reference else None
     runs = []

@@ -17,7 +17,7 @@ from rotorjax.inference.covariance import anything_random
 from rotorjax.inference.data import Data, make_data, residual_vectors
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
-from rotorjax.inference.space import Space, make_space, with_company
+from rotorjax.inference.space import Space, make_space
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
 from rotorjax.model.model import Model
@@ -215,7 +215,7 @@ def make_contest(
 
     Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
     """
-    full = with_company(model.with_orders(measurement.orders), catalog, catalog)
+    full = model.with_orders(measurement.orders).in_company(catalog.values())
     space = make_space(full, measurement.knowledge)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     possible = tuple(

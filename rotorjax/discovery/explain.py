@@ -33,6 +33,7 @@ from rotorjax.discovery.search import (
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
+from rotorjax.inference.ahead import make_programs_ahead
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
@@ -94,6 +95,8 @@ def explain(  # noqa: PLR0913
     telling = Telling(progress, limit)
     telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
+    if contest.timed & {*candidates, *(e.name for e in full.effects)}:
+        make_programs_ahead(contest.space, kept, missing_force=thorough)
     stated = _as_stated(contest, full)
     written = race_of_mistakes(contest, kinds, max_effects, catalog, told, always=mistakes is True)
     right, selection = _as_done(full, written.best, candidates, catalog, told)

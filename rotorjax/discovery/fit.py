@@ -33,7 +33,7 @@ from rotorjax.inference.noise import (
     reduced_chi2,
     run_floor,
 )
-from rotorjax.inference.space import make_space, with_company
+from rotorjax.inference.space import make_space
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.shown import Shown
@@ -180,7 +180,7 @@ def _stage(
     own = {e.name: type(e) for e in everything.effects}
     # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.
     classes = CATALOG | (TERMS if own.keys() & TERMS.keys() else {}) | own
-    full = with_company(model.with_orders(measurement.orders), classes, classes)
+    full = model.with_orders(measurement.orders).in_company(classes.values())
     space = make_space(full, measurement.knowledge)
     keep = frozenset({e.name for e in model.effects} | uncertain)
     return Stage(space, measurement, names, space.free(list(names), fixed), keep, Budget())

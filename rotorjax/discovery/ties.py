@@ -60,14 +60,25 @@ class Ties(NamedTuple):
         """The same of what was detected without mattering."""
         return _by_part(self.of_small)
 
-    def better(self, contest: Contest, most: int) -> Contender | None:
+
+class Swapped(NamedTuple):
+    """The answer, and what it is with one effect in the place of another, under the noise that it leaves."""
+
+    noise: Noise
+    winner: Contender
+    swaps: dict[str, list[Effects]]
+    """Of every effect of the answer the sets without it."""
+    found: Known
+    """All that was fitted for it."""
+
+    def better(self, contest: Contest, most: int) -> Effects | None:
         """What is more probable than the answer, as it may be where it was fitted only after the search; with ``most``
         effects at most.
         """
         allowed = max(most, len(self.winner.effects))
-        fitted = [c for c in self.raced.values() if c.fitted_under(self.winner.noise) and len(c.effects) <= allowed]
+        fitted = [c for c in self.found.values() if c.fitted_under(self.noise) and len(c.effects) <= allowed]
         best = max([self.winner, *fitted], key=contest.log_posterior)
-        return None if best.effects == self.winner.effects else best
+        return None if best.effects == self.winner.effects else best.effects
 
 
 def _by_part(tied: tuple[Alternative, ...]) -> list[list[list[str]]]:
@@ -86,29 +97,25 @@ def noise_left(selection: Selection) -> Noise:
 def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[Selection, Ties]:
     """The answer with what ties with it: what turns out more probable among all that was raced takes its place."""
     contest, answered = selection.contest, {selection.present}
-    ties = find_ties(contest, selection, noise_left(selection), catalog)
-    # Each under the noise that it leaves itself: two may each be ahead under the other's.
-    while not contest.budget.exhausted and (better := ties.better(contest, selection.most)) is not None:
-        if better.effects in answered:
-            break
-        answered.add(better.effects)
-        selection = retold(selection, better.effects, ties.raced)
-        ties = find_ties(contest, selection, noise_left(selection), catalog)
-    if contest.budget.exhausted:
-        # What was linearised once only takes no place of what the search fitted.
-        return selection, ties
-    return selection._replace(known={**selection.known, **ties.raced}), ties
+    while True:
+        swapped = swap_each(contest, selection, noise_left(selection))
+        better = swapped.better(contest, selection.most)
+        if contest.budget.exhausted or better is None or better in answered:
+            # Pairs are tried beside what no swap beats.
+            ties = find_ties(contest, selection, swapped, catalog)
+            better = swapped.better(contest, selection.most)
+            # Each under the noise that it leaves itself: two may each be ahead under the other's.
+            if contest.budget.exhausted:
+                # What was linearised once only takes no place of what the search fitted.
+                return selection, ties
+            if better is None or better in answered:
+                return selection._replace(known={**selection.known, **ties.raced}), ties
+        answered.add(better)
+        selection = retold(selection, better, swapped.found)
 
 
-def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Mapping[str, type[Effect]]) -> Ties:
-    """Race every alternative to a part of the answer, under the noise that the answer leaves.
-
-    An alternative ties if its log evidence is less than 3 behind, also if only where all effects may be three times as
-    strong as declared, or if it leads where the tolerance of the model's form is noise of every vector by itself.
-    Whether it then predicts the same, or differs and fits no worse, is told with it. One further behind, with more
-    determined parameters, that fits no better, or not by so much that these would pay, contains the answer, as does one
-    nearer of which the answer is a special case: that is no tie.
-    """
+def swap_each(contest: Contest, selection: Selection, noise: Noise) -> Swapped:
+    """Race everything in the place of each effect of the answer, under the noise that the answer leaves."""
     answer = selection.present
     found = race(contest, noise, [answer], selection.known)
     winner = found[answer]
@@ -125,6 +132,20 @@ def find_ties(contest: Contest, selection: Selection, noise: Noise, catalog: Map
         if contest.is_special_case(effects - answer, frozenset({gone}))
     ]
     found.update(race(contest, noise, special, {**selection.known, **found}))
+    return Swapped(noise, winner, swaps, found)
+
+
+def find_ties(contest: Contest, selection: Selection, swapped: Swapped, catalog: Mapping[str, type[Effect]]) -> Ties:
+    """Race pairs in the place of one effect and one in the place of pairs, too, and compare all with the answer.
+
+    An alternative ties if its log evidence is less than 3 behind, also if only where all effects may be three times as
+    strong as declared, or if it leads where the tolerance of the model's form is noise of every vector by itself.
+    Whether it then predicts the same, or differs and fits no worse, is told with it. One further behind, with more
+    determined parameters, that fits no better, or not by so much that these would pay, contains the answer, as does one
+    nearer of which the answer is a special case: that is no tie.
+    """
+    answer = selection.present
+    noise, winner, swaps, found = swapped
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]

@@ -177,6 +177,7 @@ def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Man
         running.append(
             Descent(lin, task, manner, Point(start.point, motions if timed[k] else None, known[k]), known=known[k])
         )
+    rivals = _Rivals.of(running)
     while going := [d for d in running if not d.done]:
         if lin.budget.exhausted and all(d.here is not None for d in going):
             for one in going:
@@ -185,7 +186,7 @@ def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Man
         for one, there in zip(going, _linearised(lin, going), strict=True):
             one.advance(there)
         if going[0].task.shift is None:
-            _give_up(running, hopeless)
+            rivals.give_up(hopeless)
     return running
 
 
@@ -228,19 +229,37 @@ def _linearised(lin: Linearisation, going: list[Descent]) -> list[Linearised]:
     return found
 
 
-def _give_up(running: list[Descent], hopeless: float) -> None:
-    """End descents that others have left far behind, by costs of motions that balance only."""
-    for cases in {d.task.kind[1] for d in running}:
-        own = [d for d in running if d.task.kind[1] == cases]
-        most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
-        for one in own:
-            one.give_up(one.promises_no_less_than(most))
-    for kind in {d.task.kind for d in running}:
-        rivals = [d for d in running if d.task.kind == kind]
-        if len(rivals) > 1:
-            ranked = sorted((d for d in rivals if d.settled), key=lambda d: d.cost)
+class _Rivals(NamedTuple):
+    """Descents that compete: on the same cases, and of the same fit."""
+
+    on_same_cases: list[list[Descent]]
+    of_same_fit: list[list[Descent]]
+
+    @classmethod
+    def of(cls, running: list[Descent]) -> "_Rivals":
+        """Sorted into groups; of fits only those with several descents."""
+        cases: dict[bytes, list[Descent]] = {}
+        fits: dict[tuple[bytes, bytes], list[Descent]] = {}
+        for one in running:
+            kind = one.task.kind
+            cases.setdefault(kind[1], []).append(one)
+            fits.setdefault(kind, []).append(one)
+        return cls(list(cases.values()), [own for own in fits.values() if len(own) > 1])
+
+    def give_up(self, hopeless: float) -> None:
+        """End descents that others have left far behind, by costs of motions that balance only."""
+        for own in self.on_same_cases:
+            most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
+            for one in own:
+                if not one.done:
+                    one.give_up(one.promises_no_less_than(most))
+        for own in self.of_same_fit:
+            if all(d.done for d in own):
+                continue
+            ranked = sorted((d for d in own if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
-                one.give_up(any(one.joins(other) for other in ranked[:place]))
+                if not one.done:
+                    one.give_up(any(one.joins(other) for other in ranked[:place]))
 
 
 def _end_of(one: Descent) -> End:

@@ -19,7 +19,7 @@ from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.kernels import add_dynamic, as_coefficients
 from rotorjax.inference.programs import compiled, nameless
-from rotorjax.inference.space import labels_of, values_of, with_company
+from rotorjax.inference.space import labels_of, values_of
 from rotorjax.model.conditions import Conditions, Probes
 from rotorjax.model.contract import ReadingEffect, WaveformEffect
 from rotorjax.model.model import Model
@@ -46,11 +46,9 @@ class ForceBalance:
     def __init__(self, model: Model) -> None:
         grid = grid_of(model)
         own = [e for e in model.effects if not isinstance(e, ReadingEffect | WaveformEffect)]
-        classes = {
-            name: cls for name, cls in (CATALOG | TERMS).items() if not issubclass(cls, ReadingEffect | WaveformEffect)
-        }
+        classes = [cls for cls in (CATALOG | TERMS).values() if not issubclass(cls, ReadingEffect | WaveformEffect)]
         bare = dataclasses.replace(model, effects=tuple(own), slow_roll=None)
-        full = with_company(bare.with_orders(grid.orders), classes, classes)
+        full = bare.with_orders(grid.orders).in_company(classes)
         self.index = {label: k for k, label in enumerate(labels_of(full))}
         """Effect and label of every value."""
         self.values = values_of(full)
@@ -58,7 +56,13 @@ class ForceBalance:
         blind = dataclasses.replace(
             full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=full.layout._replace(probes=())
         )
+        self._coefficients = 2 * len(grid.orders) - 1
         self._balance = compiled(_balance, nameless(blind), full, CHUNK)
+
+    def make_ahead(self, conditions: Conditions) -> None:
+        """Make its program in the background, for conditions like these."""
+        each = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
+        self._balance.make_ahead(self.values[None], *each, np.zeros((1, 2, self._coefficients)))
 
     def at(
         self,

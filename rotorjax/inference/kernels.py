@@ -107,6 +107,23 @@ class Kernels:
             compiled(kernel, full, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined)
         )
 
+    def make_ahead(self, conditions: Conditions) -> None:
+        """Make the programs that take long in the background, in the order in which a search needs them, for conditions
+        like these.
+        """
+        rows = Rows(
+            np.zeros((1, self._sweeping.size - 1)),
+            np.full((1, COLUMNS), -1),
+            *(
+                np.asarray(values)[:1]
+                for values in (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
+            ),
+        )
+        self._swept.make_ahead(*rows)
+        steady = self._filled(rows).steady
+        self._balanced.make_ahead(*steady, np.zeros((1, 2, self.coefficients)))
+        self._refined.make_ahead(*steady, np.zeros((1, 2, self.wide)))
+
     @property
     def coefficients(self) -> int:
         """Real numbers per direction that are balanced together."""

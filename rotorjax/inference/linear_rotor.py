@@ -17,7 +17,6 @@ from jaxtyping import Complex, Float
 from rotorjax.arrays import numpy_pair
 from rotorjax.effects import CATALOG
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
-from rotorjax.inference.space import with_company
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model
@@ -47,13 +46,17 @@ class LinearRotor:
     """
 
     def __init__(self, model: Model) -> None:
-        linear = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | WaveformEffect)}
-        full = with_company(without_timed(model), linear)
+        linear = [cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect)]
+        full = without_timed(model).in_company(linear)
         self._slow_roll = None if model.slow_roll is None else float(model.slow_roll)
         self._rotor, self._swept = (
             compiled(kernel, nameless(full), full, LINEAR_CHUNK) for kernel in (_linear_rotor, _sweep_of_rotor)
         )
         self._rate = sum(float(e.added_sweep()) for e in model.effects if isinstance(e, SweepEffect))
+
+    def make_ahead(self, conditions: Conditions) -> None:
+        """Make its program in the background, for conditions like these."""
+        self._rotor.make_ahead(*(np.asarray(v) for v in (conditions.speed, conditions.unbalance, conditions.bow)))
 
     def sight(self, conditions: Conditions) -> Sight:
         """How the probes see the disk at each of these conditions."""

@@ -4,6 +4,7 @@ import contextvars
 import dataclasses
 import functools
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeVar
@@ -22,6 +23,8 @@ LINEAR_CHUNK = 64
 
 _WORKERS = ThreadPoolExecutor(os.cpu_count())
 """Compiled code, NumPy's too, leaves the interpreter to others while it runs."""
+_AHEAD = ThreadPoolExecutor(2)
+"""So does the compiler: one program is traced while another is compiled."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -38,6 +41,13 @@ def side_by_side(function: Callable[[Item], Result], items: Sequence[Item]) -> l
     )
 
 
+def in_background(job: Callable[[], object]) -> None:
+    """Begin something that makes programs, not to be waited for: what needs such a program waits for it, or makes it
+    itself.
+    """
+    _AHEAD.submit(job)
+
+
 class Program:
     """A kernel that takes the leaves of a pytree, its first argument, one by one: traced when it is first called, or
     found.
@@ -46,6 +56,7 @@ class Program:
     def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool) -> None:
         self._kernel, self._structure, self._ours = kernel, structure, ours
         self._call: Callable[..., tuple[Array, ...]] | None = None
+        self._making = threading.Lock()
 
     @property
     def warm(self) -> bool:
@@ -56,10 +67,14 @@ class Program:
         """One chunk."""
         if self._call is not None:
             return self._call(leaves, *rows)
-        self._call = self._made(leaves, *rows)
-        parts = jax.block_until_ready(self._call(leaves, *rows))
-        release_freed_memory()
-        return parts
+        with self._making:
+            if self._call is None:
+                call = self._made(leaves, *rows)
+                parts = jax.block_until_ready(call(leaves, *rows))
+                self._call = call
+                release_freed_memory()
+                return parts
+        return self._call(leaves, *rows)
 
     def _made(self, leaves: list[Any], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
         def kernel(leaves: list[Any], *rows: Array) -> tuple[Array, ...]:
@@ -106,6 +121,11 @@ class Compiled(NamedTuple):
             parts, firsts = [chunk(0)], firsts[1:]
         parts += side_by_side(chunk, firsts) if firsts else []
         return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+
+    def make_ahead(self, *rows: np.ndarray) -> None:
+        """Trace and compile it in the background, if that was not done. **Arguments:** ``rows`` like those to come."""
+        index = np.zeros(self.size, int)
+        in_background(lambda: self.program(self.leaves, *(values[index] for values in rows)))
 
 
 def compiled(kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int) -> Compiled:

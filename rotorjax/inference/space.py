@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
@@ -18,7 +19,6 @@ from jaxtyping import Bool, Float, Int
 
 from rotorjax.arrays import as_array
 from rotorjax.data.measurement import Knowledge
-from rotorjax.effects import CATALOG
 from rotorjax.model.contract import Effect, RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.units import Unit, unit_of
@@ -93,8 +93,10 @@ class Space(eqx.Module):
         """
         old = {entry: k for k, entry in enumerate(labels_of(self.model))}
         bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
+        shapes = [[p.shape(bare.layout) for p in e.parameters()] for e in self.model.effects]
+        nothing = {shape: as_array(np.zeros(shape)) for shape in itertools.chain.from_iterable(shapes)}
         blank = [
-            e.replaced([as_array(np.zeros(p.shape(bare.layout))) for p in e.parameters()]) for e in self.model.effects
+            e.replaced([nothing[shape] for shape in own]) for e, own in zip(self.model.effects, shapes, strict=True)
         ]
         model = dataclasses.replace(bare, effects=tuple(blank))
         place = np.array([old.get(entry, -1) for entry in labels_of(model)], dtype=int)
@@ -277,11 +279,3 @@ def _numbered(entries: list[Entry], knowledge: Knowledge, counts: Callable[[Entr
         if not told and counts(entry):
             found[entry.unknown] = numbers.setdefault((entry.effect, entry.unit.si), len(numbers))
     return found
-
-
-def with_company(model: Model, names: Iterable[str], catalog: Mapping[str, type[Effect]] = CATALOG) -> Model:
-    """The model with the effects of these names, at their null where it does not have them."""
-    for name in sorted(names):
-        if name not in model:
-            model = model + catalog[name]()
-    return model

@@ -14,7 +14,6 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax.effects import CATALOG
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
-from rotorjax.inference.space import with_company
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
 from rotorjax.model.model import Model
@@ -74,10 +73,14 @@ class RotorInTime:
     """M q̈ + C q̇ + K q = 0 at any speeds, of a model in company of all linear effects of the catalogue."""
 
     def __init__(self, model: Model) -> None:
-        linear = {name: cls for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | WaveformEffect)}
-        full = with_company(without_timed(model), linear)
+        linear = [cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect)]
+        full = without_timed(model).in_company(linear)
         self._spin = int(model.rotor.spin)
         self._at = compiled(_matrices, nameless(full), full, LINEAR_CHUNK)
+
+    def make_ahead(self) -> None:
+        """Make its program in the background."""
+        self._at.make_ahead(np.ones(1))
 
     def matrices(self, speed_rpm: Float[np.ndarray, "speed"]) -> _InTime | None:
         """Of every speed; none where an effect depends on frequency as no spring, damper or mass does, or leaves no

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -14,6 +15,13 @@ from rotorjax.arrays import Numbers, as_float
 from rotorjax.model.conditions import HarmonicBalance, Layout, Probes, two_probes
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.shown import Shown
+
+
+@functools.lru_cache(maxsize=512)
+def at_null(cls: type[Effect], layout: Layout, dtype: np.dtype) -> Effect:
+    """An effect that does nothing, its parameters at the shapes that the layout gives them."""
+    del dtype  # JAX's default precision: what was made in another is not the same
+    return cls().sized(layout)
 
 
 def _float_or_none(value: Numbers | None) -> Array | None:
@@ -49,16 +57,20 @@ class Model(eqx.Module, Shown):
             )
 
     def __add__(self, effect: Effect) -> "Model":
-        sized = effect.sized(self.layout)
-        present = self.find(effect.name)
-        if present is not None:
-            sized = jax.tree.map(jnp.add, present, sized)
-        others = [e for e in self.effects if e.name != effect.name]
-        return self._with_effects([*others, sized])
+        return self.plus([effect])
 
     def plus(self, effects: Iterable[Effect]) -> "Model":
         """The model with several effects added."""
-        return functools.reduce(Model.__add__, effects, self)
+        every = {e.name: e for e in self.effects}
+        for effect in effects:
+            sized, present = effect.sized(self.layout), every.get(effect.name)
+            every[effect.name] = sized if present is None else jax.tree.map(jnp.add, present, sized)
+        return self._with_effects(every.values())
+
+    def in_company(self, classes: Iterable[type[Effect]]) -> "Model":
+        """The model with the effects of these classes, at their null where it does not have them."""
+        new = [at_null(cls, self.layout, jnp.result_type(float)) for cls in classes if cls.name not in self]
+        return self._with_effects([*self.effects, *new])
 
     def __contains__(self, name: str) -> bool:
         return self.find(name) is not None
@@ -77,9 +89,7 @@ class Model(eqx.Module, Shown):
             return self
         layout = self.layout._replace(orders=orders)
         bare = dataclasses.replace(self, effects=(), layout=layout)
-        for effect in self.effects:
-            bare = bare + effect.replaced(list(self._reordered(effect, orders)))
-        return bare
+        return bare.plus([effect.replaced(list(self._reordered(effect, orders))) for effect in self.effects])
 
     def _reordered(self, effect: Effect, orders: tuple[float, ...]) -> Iterator[Array]:
         old = self.layout.orders
@@ -94,5 +104,5 @@ class Model(eqx.Module, Shown):
             ]
             yield jnp.stack(kept, axis)
 
-    def _with_effects(self, effects: list[Effect]) -> "Model":
+    def _with_effects(self, effects: Iterable[Effect]) -> "Model":
         return dataclasses.replace(self, effects=tuple(sorted(effects, key=lambda e: e.name)))

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, HarmonicBalance, Jeffcott, Layout, Model, effects, response
-from rotorjax.inference.space import with_company
 from rotorjax.model.contract import Effect, RestoringEffect, WaveformEffect
 
 import nonlinear_oracle as in_time
@@ -90,7 +89,7 @@ def balanced(
     conditions = Conditions.at(speeds, unbalance=pair(UNBALANCE), bow=pair(BOW))
     # All other forces beside them, at their null: one program for all.
     return np.asarray(
-        response(with_company(Model(rotor, layout=Layout(orders=orders)).plus(added), FORCES, FORCES), conditions)
+        response(Model(rotor, layout=Layout(orders=orders)).plus(added).in_company(FORCES.values()), conditions)
     )
 
 

@@ -11,7 +11,7 @@ from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import held_out
 from rotorjax.discovery.race import foreseen, race
 from rotorjax.discovery.search import retold, select
-from rotorjax.discovery.ties import find_ties
+from rotorjax.discovery.ties import find_ties, swap_each
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import make_folds
 from rotorjax.inference.descent import Start, descend
@@ -64,7 +64,7 @@ def test_held_out_error_and_ties_are_those_of_every_fit_made(selection, monkeypa
 
     def found():
         before = contest.budget.spent
-        ties = find_ties(contest, selection, noise, CATALOG)
+        ties = find_ties(contest, selection, swap_each(contest, selection, noise), CATALOG)
         held = held_out(contest, selection, ties)
         return [t.effects for t in ties.tied], held.rms, contest.budget.spent - before
 

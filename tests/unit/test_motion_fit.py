@@ -27,7 +27,7 @@ from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.scan import scan
-from rotorjax.inference.space import Space, make_space, with_company
+from rotorjax.inference.space import Space, make_space
 from rotorjax.physics.steady_state import Ready, without_timed
 from rotorjax.physics.sweep import added_by_sweep
 
@@ -38,7 +38,7 @@ ORDERS = (1.0, 2.0)
 
 
 def space_of(model: Model, measurement) -> Space:
-    return make_space(with_company(model.with_orders(measurement.orders), CATALOG, CATALOG), measurement.knowledge)
+    return make_space(model.with_orders(measurement.orders).in_company(CATALOG.values()), measurement.knowledge)
 
 
 def unknowns_at(space: Space, **values: float) -> np.ndarray:
@@ -230,7 +230,7 @@ def test_heavier_rotor_is_still_one_rotor():
 
 
 def test_of_the_usual_orders_any_may_be_measured_with_one_program():
-    model, knowledge = with_company(Model(Jeffcott(1.0, 5e4, 0.02)), CATALOG, CATALOG), Knowledge()
+    model, knowledge = Model(Jeffcott(1.0, 5e4, 0.02)).in_company(CATALOG.values()), Knowledge()
     spaces = [make_space(model.with_orders(orders), knowledge) for orders in ((1.0,), (0.0, 2.0), (0.0, 1.0, 2.0, 3.0))]
     assert len({id(Kernels(space)._balanced.program) for space in spaces}) == 1
 
@@ -238,7 +238,7 @@ def test_of_the_usual_orders_any_may_be_measured_with_one_program():
 @pytest.mark.parametrize("orders", [(0.0, 1.0, 2.0), (0.5, 1.0)], ids=["0X to 2X", "half an order"])
 def test_equations_of_the_kernel_are_those_of_the_response(orders):
     """Put together from parts and sped up by hand; differentiated as a whole they are the same, whatever is free."""
-    whole = with_company(Model(Jeffcott(1.0, [5.6e4, 5.1e4], 0.02)).with_orders(orders), CATALOG, CATALOG)
+    whole = Model(Jeffcott(1.0, [5.6e4, 5.1e4], 0.02)).with_orders(orders).in_company(CATALOG.values())
     space = make_space(whole, Knowledge())
     kernels, rng, count = Kernels(space), np.random.default_rng(4), len(space.entries)
     unknowns, motion = 0.3 * rng.normal(size=(3, count)), 1e-4 * rng.normal(size=(3, 2, kernels.coefficients))

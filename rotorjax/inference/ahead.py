@@ -1,0 +1,29 @@
+"""Programs that an explanation comes to need, made in the background from the first moment on.
+
+Tracing keeps the interpreter and one processor busy, compilation one processor; the search needs the linear kernel
+first.
+"""
+
+from rotorjax.data.measurement import Measurement
+from rotorjax.inference.force_balance import ForceBalance
+from rotorjax.inference.kernels import kernels_of
+from rotorjax.inference.linear_rotor import LinearRotor
+from rotorjax.inference.programs import in_background
+from rotorjax.inference.space import Space
+from rotorjax.inference.whirl_modes import RotorInTime
+
+
+def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force: bool) -> None:
+    """In the order in which they are needed; nothing waits for them here. **Arguments:** ``missing_force``: with that
+    program, too.
+    """
+    kernels_of(space).make_ahead(measurement.conditions)
+    model = space.model
+
+    def others() -> None:
+        LinearRotor(model).make_ahead(measurement.conditions)
+        if missing_force:
+            ForceBalance(model).make_ahead(measurement.conditions)
+        RotorInTime(model).make_ahead()
+
+    in_background(others)
