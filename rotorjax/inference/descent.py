@@ -18,7 +18,7 @@ from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data
 from rotorjax.inference.levenberg_marquardt import Descent
 from rotorjax.inference.linearised import Linearisation, Linearised, Point
-from rotorjax.inference.manner import CUT_OFF, NOT_FINITE, THOROUGH, Manner
+from rotorjax.inference.manner import CUT_OFF, LEFT_BEHIND, NOT_FINITE, THOROUGH, Manner
 from rotorjax.inference.motions import BALANCED, balanced, first_motions
 from rotorjax.inference.normal import Task
 from rotorjax.inference.prior import Prior
@@ -191,11 +191,11 @@ def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Man
 
 
 def _lost(running: list[Descent]) -> list[int]:
-    """Of each fit in which no descent came to motions that balance the lowest."""
+    """Of each fit in which no descent came to motions that balance the lowest, if none was left behind."""
     lost = []
     for kind in dict.fromkeys(d.task.kind for d in running):
         own = [k for k, d in enumerate(running) if d.task.kind == kind]
-        if not any(running[k].settled for k in own):
+        if not any(running[k].settled or running[k].result == LEFT_BEHIND for k in own):
             lost.append(min(own, key=lambda k: running[k].cost))
     return lost
 
@@ -251,15 +251,15 @@ class _Rivals(NamedTuple):
         for own in self.on_same_cases:
             most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
             for one in own:
-                if not one.done:
-                    one.give_up(one.promises_no_less_than(most))
+                if not one.done and one.promises_no_less_than(most):
+                    one.give_up(LEFT_BEHIND)
         for own in self.of_same_fit:
             if all(d.done for d in own):
                 continue
             ranked = sorted((d for d in own if d.settled), key=lambda d: d.cost)
             for place, one in enumerate(ranked):
-                if not one.done:
-                    one.give_up(any(one.joins(other) for other in ranked[:place]))
+                if not one.done and any(one.joins(other) for other in ranked[:place]):
+                    one.give_up()
 
 
 def _end_of(one: Descent) -> End:

@@ -19,6 +19,11 @@ from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
 
+HALVED = 0.5
+"""Share of the cost that a step must promise to leave at least, where motions have freedom left, for nothing to be
+hoped for.
+"""
+
 
 @dataclasses.dataclass
 class Descent:
@@ -64,13 +69,15 @@ class Descent:
 
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
-        much, as a rule.
+        much, as a rule. Where motions have freedom left, and it does not promise to halve the cost: from a minimum on
+        that only rises as the freedom ends.
         """
-        return self.under_way and self.foreseen > cost
+        stays = self.freedom > 0.0 and self.steps > 1 and self.foreseen > HALVED * self.cost
+        return (self.under_way or stays) and self.foreseen > cost
 
-    def give_up(self, hopeless: bool) -> None:
+    def give_up(self, result: int = MAX_STEPS) -> None:
         """End it where it stands."""
-        self.done = self.done or hopeless
+        self.done, self.result = True, result
 
     def joins(self, other: "Descent") -> bool:
         """Whether both would step to one optimum without damping: to a standard error, as either tells it. Where there

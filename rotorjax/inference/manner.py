@@ -4,12 +4,13 @@ from typing import NamedTuple
 
 FIRST_DAMPING = 1e-3
 """Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
-CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF = 0, 1, 2, 3
+CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF, LEFT_BEHIND = 0, 1, 2, 3, 4
 RESULT_TEXT = {
     CONVERGED: "converged",
     MAX_STEPS: "stopped at the step limit: the data hardly determine some parameter; give it a value, or a tighter "
     "prior",
     CUT_OFF: "stopped where the linearisations allowed were spent",
+    LEFT_BEHIND: "stopped where other starts or effects did better by far",
     NOT_FINITE: "not finite at the start: check the rig file's mass, stiffness and damping, and the table's sigma",
 }
 """What each result code of a fit means and what to do next."""
