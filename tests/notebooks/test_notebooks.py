@@ -7,6 +7,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+from helpers import with_campaign
+
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 LARGEST_KB = 500
@@ -53,7 +55,7 @@ def test_asserts_and_shows_something(path):
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=[pytest.mark.campaign] if path.stem in SLOW else []) for path in NOTEBOOKS],
+    with_campaign(NOTEBOOKS, lambda path: path.stem in SLOW),
     ids=lambda path: path.stem,
 )
 def test_executes_anew(path, tmp_path):

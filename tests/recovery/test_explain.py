@@ -37,6 +37,7 @@ from rotorjax.reporting.explanation_json import explanation_json
 import drawn_effects
 import hidden
 import hidden_forces
+from helpers import with_campaign
 from poor_data import cut
 
 
@@ -57,11 +58,8 @@ ONE_OF_EACH_FAMILY = {"thermal_bow", "cross_coupling", "rub", "time_delay"}
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[] if name in ONE_OF_EACH_FAMILY else [pytest.mark.campaign])
-        for name in CATALOG
-        if name != "sweep_rate"  # test_run_ups.py
-    ],
+    # The rate of a run-up is in test_run_ups.py.
+    with_campaign((name for name in CATALOG if name != "sweep_rate"), lambda name: name not in ONE_OF_EACH_FAMILY),
 )
 def test_every_effect_is_found_on_its_sufficient_plan(name):
     source = hidden_forces if name in TIMED else hidden
@@ -236,9 +234,7 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.campaign] if name == "sigma too small" else []) for name in POOR]
-)
+@pytest.mark.parametrize("name", with_campaign(POOR, lambda name: name == "sigma too small"))
 def test_poor_data_get_a_verdict_with_its_reason(name):
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
     found = explain(model, POOR[name](measurement))

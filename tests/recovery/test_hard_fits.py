@@ -22,6 +22,7 @@ from rotorjax.inference.noise import Noise
 import drawn_effects
 import drawn_forces
 import hidden_forces
+from helpers import with_campaign
 
 LEAST = {126: 11.02, 300: 64.23, 313: 78.59, 513: 66.30, 563: 173.64, 584: 176.45, 682: 141.90, 781: 24.50, 1356: 74.16}
 """Seed of drawn effects -> cost of a descent that begins at the truth (`benchmarks/regret.py`)."""
@@ -32,7 +33,7 @@ SLOW = (313, 425, 563, 781, 1356)
 
 
 def seeds(every: Iterable[int]) -> list:
-    return [pytest.param(seed, marks=[pytest.mark.campaign] if seed in SLOW else []) for seed in every]
+    return with_campaign(every, lambda seed: seed in SLOW)
 
 
 def reached(model: Model, measurement: Measurement, hypothesis: tuple[str, ...], noise: Noise) -> float:

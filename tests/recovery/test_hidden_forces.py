@@ -14,6 +14,7 @@ from rotorjax.reporting.explanation import notes, sentence
 import drawn_effects
 import hidden_forces
 import nonlinear_oracle as in_time
+from helpers import with_campaign
 from hidden import Plan
 from poor_data import cut
 
@@ -90,9 +91,7 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == "unknown noise" else pytest.mark.campaign) for name in POOR]
-)
+@pytest.mark.parametrize("name", with_campaign(POOR, lambda name: name != "unknown noise"))
 def test_poor_data_are_solved_or_left_open(name):
     model, measurement = measured(in_time.duffing(CUBIC))
     found = explain(model, POOR[name](measurement), thorough=False)

@@ -14,6 +14,7 @@ from rotorjax.reporting.explanation import explanation_page, explanation_text, n
 from rotorjax.reporting.explanation_json import explanation_json
 
 import make_hidden
+from helpers import with_campaign
 
 TRUTH = tomllib.loads((Path(__file__).parents[2] / "experiments" / "hidden_truth.toml").read_text(encoding="utf-8"))
 
@@ -83,9 +84,7 @@ def test_scatter_between_mountings_is_quantified(rk4):
     assert any("Scatter between runs" in line for line in notes(rk4))
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.campaign] if case in SLOW else []) for case in TRUTH]
-)
+@pytest.mark.parametrize("case", with_campaign(TRUTH, lambda case: case in SLOW))
 def test_hidden_effects(case):
     _, found = told("hidden", case)
     assert set(found.effects) | {s.effect for s in found.detected_but_small} == set(TRUTH[case])
