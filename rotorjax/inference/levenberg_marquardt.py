@@ -19,7 +19,7 @@ from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
 
-HALVED = 0.5
+STAYS = 0.5
 """Share of the cost that a step must promise to leave at least, where motions have freedom left, for nothing to be
 hoped for.
 """
@@ -72,7 +72,7 @@ class Descent:
         much, as a rule. Where motions have freedom left, and it does not promise to halve the cost: from a minimum on
         that only rises as the freedom ends.
         """
-        stays = self.freedom > 0.0 and self.steps > 1 and self.foreseen > HALVED * self.cost
+        stays = self.freedom > 0.0 and self.steps > 1 and self.foreseen > STAYS * self.cost
         return (self.under_way or stays) and self.foreseen > cost
 
     def give_up(self, result: int = MAX_STEPS) -> None:

@@ -40,14 +40,21 @@ class Sight(NamedTuple):
     """What the rotor turns at, where the speed read is off."""
 
 
+def in_linear_company(model: Model) -> Model:
+    """The model without forces that depend on motion, with all linear effects of the catalogue: the compiled code is
+    then the same for every model.
+    """
+    linear = (cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect))
+    return without_timed(model).in_company(linear)
+
+
 class LinearRotor:
     """A model in company of all linear effects of the catalogue, which are at their null where it does
     not have them.
     """
 
     def __init__(self, model: Model) -> None:
-        linear = [cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect)]
-        full = without_timed(model).in_company(linear)
+        full = in_linear_company(model)
         self._slow_roll = None if model.slow_roll is None else float(model.slow_roll)
         self._rotor, self._swept = (
             compiled(kernel, nameless(full), full, LINEAR_CHUNK) for kernel in (_linear_rotor, _sweep_of_rotor)

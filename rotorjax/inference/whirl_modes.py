@@ -12,14 +12,13 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax.effects import CATALOG
+from rotorjax.inference.linear_rotor import in_linear_company
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.model.conditions import Conditions
-from rotorjax.model.contract import RestoringEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
 from rotorjax.physics.harmonic_balance import make_grid
-from rotorjax.physics.steady_state import by_order, without_timed
+from rotorjax.physics.steady_state import by_order
 from rotorjax.physics.time_integration import linear_in_time
 from rotorjax.units import RPM
 
@@ -73,8 +72,7 @@ class RotorInTime:
     """M q̈ + C q̇ + K q = 0 at any speeds, of a model in company of all linear effects of the catalogue."""
 
     def __init__(self, model: Model) -> None:
-        linear = [cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect)]
-        full = without_timed(model).in_company(linear)
+        full = in_linear_company(model)
         self._spin = int(model.rotor.spin)
         self._at = compiled(_matrices, nameless(full), full, LINEAR_CHUNK)
 

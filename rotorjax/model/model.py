@@ -18,7 +18,7 @@ from rotorjax.shown import Shown
 
 
 @functools.lru_cache(maxsize=512)
-def at_null(cls: type[Effect], layout: Layout, dtype: np.dtype) -> Effect:
+def _at_null(cls: type[Effect], layout: Layout, dtype: np.dtype) -> Effect:
     """An effect that does nothing, its parameters at the shapes that the layout gives them."""
     del dtype  # JAX's default precision: what was made in another is not the same
     return cls().sized(layout)
@@ -69,7 +69,7 @@ class Model(eqx.Module, Shown):
 
     def in_company(self, classes: Iterable[type[Effect]]) -> "Model":
         """The model with the effects of these classes, at their null where it does not have them."""
-        new = [at_null(cls, self.layout, jnp.result_type(float)) for cls in classes if cls.name not in self]
+        new = [_at_null(cls, self.layout, jnp.result_type(float)) for cls in classes if cls.name not in self]
         return self._with_effects([*self.effects, *new])
 
     def __contains__(self, name: str) -> bool:

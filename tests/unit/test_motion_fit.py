@@ -22,7 +22,7 @@ from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import HOPELESS, Start, best_of, descend, starts_at
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Linearisation, Point
-from rotorjax.inference.manner import CUT_OFF, NOT_FINITE, QUICK, THOROUGH
+from rotorjax.inference.manner import CUT_OFF, LEFT_BEHIND, NOT_FINITE, QUICK, THOROUGH
 from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
@@ -118,6 +118,23 @@ def test_slopes_are_those_of_the_response(spring):
         pairs = np.stack([quotient.real, quotient.imag], axis=-1).reshape(len(data.speed), -1)
         expected = data.weight.reshape(pairs.shape) * pairs
         np.testing.assert_allclose(one.slopes[..., column], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_what_stays_far_behind_ends_while_its_motions_have_freedom(spring):
+    """Beside a fit that holds; alone it goes on to motions that balance, and is as far behind there."""
+    _, measurement, space, data, true = spring
+    names = ("duffing", "quadratic_damping")
+    masks = np.stack([space.free([name]) for name in names])
+    declared = declared_starts(space, masks[1], measurement.reach)[0]
+    points = np.stack([unknowns_at(space, duffing__cubic_n_per_m3=true), declared])
+    every = np.ones((2, len(measurement.run)), bool)
+    right, behind = descend(space, data, starts_at(points), masks, every, budget=Budget())
+    (alone,) = descend(space, data, starts_at(points[1:]), masks[1:], every[1:], budget=Budget())
+    assert right.exact
+    assert alone.exact
+    assert alone.cost > right.cost + HOPELESS
+    assert behind.result == LEFT_BEHIND
+    assert behind.steps < alone.steps
 
 
 def test_prediction_is_the_response(spring):

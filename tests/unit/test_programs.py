@@ -1,0 +1,33 @@
+"""Programs that are made ahead of their first use."""
+
+import jax
+import numpy as np
+import pytest
+
+from rotorjax.inference.programs import Compiled, Program
+
+
+def doubling(traced: list[int], *, fails_first: bool = False) -> Compiled:
+    """Twice its rows, of which four are evaluated together; notes when it is traced."""
+
+    def kernel(tree, rows):
+        del tree
+        traced.append(1)
+        if fails_first and len(traced) == 1:
+            raise RuntimeError("the first attempt fails")
+        return (2.0 * rows,)
+
+    return Compiled(Program(kernel, jax.tree.structure(()), ours=False), [], 4)
+
+
+@pytest.mark.parametrize("fails_first", [False, True])
+def test_what_is_made_ahead_is_not_made_again(fails_first):
+    """And what could not be made in the background is made where it is needed."""
+    traced = []
+    program = doubling(traced, fails_first=fails_first)
+    program.make_ahead(np.ones(1))
+    while not traced:
+        pass
+    (twice,) = program(np.arange(6.0))
+    np.testing.assert_array_equal(twice, 2.0 * np.arange(6.0))
+    assert len(traced) == 1 + fails_first
