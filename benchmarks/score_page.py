@@ -173,13 +173,17 @@ def draw_reliability(rows: Sequence[Row], path: Path) -> None:
     """Share right over probability stated."""
     figure, ax = plt.subplots(figsize=(4.5, 4.5), layout="constrained")
     ax.plot([0, 1], [0, 1], color="grey", lw=1)
-    for key, label in (("probability", "among sets fitted"), ("step_probability", "step by step, as ranked")):
+    # Numbers of the one series below its points, of the other above.
+    for key, label, beside in (
+        ("probability", "among sets fitted", -9),
+        ("step_probability", "step by step, as ranked", 4),
+    ):
         found = calibration([row for row in rows if row.get(key) is not None], key)
         if found is not None:
             p, share, count = np.array(found.bins).T
             ax.plot(p, share, "o-", label=label)
             for x, y, n in zip(p, share, count, strict=True):
-                ax.annotate(f"{n:.0f}", (x, y), textcoords="offset points", xytext=(4, -9), fontsize=7)
+                ax.annotate(f"{n:.0f}", (x, y), textcoords="offset points", xytext=(4, beside), fontsize=7)
     ax.set_xlabel("probability stated")
     ax.set_ylabel("share right")
     if ax.get_legend_handles_labels()[0]:
