@@ -14,11 +14,13 @@ from rotorjax.inference.whirl_modes import RotorInTime
 
 
 def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force: bool) -> None:
-    """In the order in which they are needed; nothing waits for them here. **Arguments:** ``missing_force``: with that
-    program, too.
+    """In the order in which they are needed, unless this process made an explanation like this before; nothing waits
+    for them here. **Arguments:** ``missing_force``: with that program, too.
     """
-    kernels_of(space).make_ahead(measurement.conditions)
-    model = space.model
+    kernels, model = kernels_of(space), space.model
+    if kernels.warm:
+        return
+    kernels.make_ahead(measurement.conditions)
 
     def others() -> None:
         LinearRotor(model).make_ahead(measurement.conditions)

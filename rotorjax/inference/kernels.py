@@ -107,6 +107,11 @@ class Kernels:
             compiled(kernel, full, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined)
         )
 
+    @property
+    def warm(self) -> bool:
+        """Whether the program for forces that depend on motion was called before."""
+        return self._balanced.program.warm
+
     def make_ahead(self, conditions: Conditions) -> None:
         """Make the programs that take long in the background, in the order in which a search needs them, for conditions
         like these.
