@@ -11,20 +11,25 @@ MOST_MAPS = 30_000
 compilation beyond them ends the process.
 """
 
-QUICK_TO_COMPILE: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
-"""Options of the compiler with which large programs take some two thirds of the time, and run as fast."""
+OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_experimental_ynn_fusion_type": ""}
+"""Options of the compiler: older fusion, with which large programs take some two thirds of the time and run as fast;
+and none of the library for products, which takes a fifth of the balanced kernel's time for what are small sums.
+"""
 
 
 @functools.cache
-def compiler_options() -> dict[str, bool | int]:
-    """Those options, where the installed compiler knows them."""
+def compiler_options() -> dict[str, bool | str]:
+    """Those options that the installed compiler knows."""
     import jax  # noqa: PLC0415  what needs no JAX starts without it
 
-    try:
-        jax.jit(lambda x: x, compiler_options=QUICK_TO_COMPILE)(0.0)
-    except jax.errors.JaxRuntimeError:
-        return {}
-    return QUICK_TO_COMPILE
+    def known(name: str) -> bool:
+        try:
+            jax.jit(lambda x: x, compiler_options={name: OPTIONS[name]})(0.0)
+        except jax.errors.JaxRuntimeError:
+            return False
+        return True
+
+    return {name: value for name, value in OPTIONS.items() if known(name)}
 
 
 def use_double_precision() -> None:

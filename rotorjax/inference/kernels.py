@@ -29,7 +29,7 @@ from rotorjax.physics.restoring_forces import Inputs, force_slopes, forces_of_ro
 from rotorjax.physics.steady_state import Ready, answer, positions, without_timed
 from rotorjax.physics.sweep import added_by_sweep
 
-BALANCED_CHUNK = 16
+BALANCED_CHUNK = 32
 """Rows evaluated together: few, as they are costly and the last chunk is filled up."""
 USUAL_ORDERS = (0.0, 1.0, 2.0, 3.0)
 COLUMNS = 12

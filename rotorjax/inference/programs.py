@@ -18,7 +18,7 @@ from rotorjax.inference.kept_programs import kept_program
 from rotorjax.model.conditions import Layout
 from rotorjax.model.model import Model
 
-LINEAR_CHUNK = 64
+LINEAR_CHUNK = 128
 """Rows evaluated together where each costs little."""
 
 _WORKERS = ThreadPoolExecutor(os.cpu_count())

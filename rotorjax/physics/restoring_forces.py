@@ -7,7 +7,7 @@ analysed.
 import functools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 
 from rotorjax.model.contract import AbstractRotor, Instant, RestoringEffect
 from rotorjax.model.model import Model
@@ -25,6 +25,7 @@ from rotorjax.physics.planar import Vector
 
 EffectOf = Callable[[Float[Array, "param"]], RestoringEffect]
 """From parameters in a row to the effect."""
+Result = TypeVar("Result")
 
 
 class Inputs(NamedTuple):
@@ -165,21 +166,40 @@ def _along(
     return slopes[:, 0] * x[None] + slopes[:, 1] * y[None]
 
 
+def _with_those(
+    present: Bool[Array, "effect"],
+    branches: Sequence[Callable[..., Result]],
+    total: Result,
+    *operands: Any,
+) -> Result:
+    """A total to which every effect that is present has added its own: what is at its null costs nothing."""
+    counted = jnp.cumsum(present)
+
+    def add(k: Array, total: Result) -> Result:
+        return jax.lax.switch(jnp.argmax(counted > k), branches, total, *operands)
+
+    return jax.lax.fori_loop(0, counted[-1], add, total)
+
+
 def forces_of_rows(
     effects: Sequence[EffectOf], rotor: AbstractRotor, grid: Grid, inputs: Inputs
 ) -> Float[Array, "row dof coefficient"]:
     """Coefficients of the sum of all forces in many rows; an effect that is at its null in all of them
     is passed over.
     """
-    total = jnp.zeros((len(inputs.motion), 2, len(grid.angle)))
-    for k, effect in enumerate(effects):
+    if not effects:
+        return jnp.zeros_like(inputs.motion)
 
-        def added(total: Array, inputs: Inputs, effect: EffectOf = effect) -> Array:
-            return total + jax.vmap(lambda one: _at_instants(sum_of((effect,), rotor), grid, one, one.own))(inputs)
+    def added(k: int, effect: EffectOf) -> Callable[[Array, Inputs], Array]:
+        def row(one: Inputs) -> Array:
+            return _at_instants(sum_of((effect,), rotor), grid, one, one.own[k : k + 1])
 
-        present = jnp.any(inputs.own[k] != 0.0)
-        total = jax.lax.cond(present, added, lambda total, _: total, total, inputs._replace(own=(inputs.own[k],)))
-    return total @ jnp.asarray(grid.analysis())
+        return lambda total, inputs: total + jax.vmap(row)(inputs)
+
+    present = jnp.stack([jnp.any(own != 0.0) for own in inputs.own])
+    branches = [added(k, effect) for k, effect in enumerate(effects)]
+    nothing = jnp.zeros((len(inputs.motion), 2, len(grid.angle)))
+    return _with_those(present, branches, nothing, inputs) @ jnp.asarray(grid.analysis())
 
 
 class ForceSlopes(NamedTuple):
@@ -200,32 +220,23 @@ def force_slopes(
     axis that counts rows; ``moved``: changes of them with a further one that counts columns, if there are any, but for
     the motion.
     """
-    shape = (*moved.speed.shape, 2, inputs.motion.shape[-1])
-    total = (_nothing(inputs, grid), jnp.zeros(shape))
-    for k, effect in enumerate(effects):
-        present = jnp.any(inputs.own[k] != 0.0) | jnp.any(moved.own[k] != 0.0)
-        add = functools.partial(_with_effect, effect, rotor, grid)
-        total = jax.lax.cond(
-            present, add, lambda total, *_: total, total, inputs._replace(own=(inputs.own[k],)), moved.own[k]
-        )
-    at, by_own = total
+    motion = inputs.motion.shape
+    none = ForceSlopes(
+        jnp.zeros(motion), jnp.zeros((*motion, *motion[1:])), jnp.zeros((*moved.speed.shape, *motion[1:]))
+    )
+    if not effects:
+        return none
+    present = jnp.stack(
+        [jnp.any(own != 0.0) | jnp.any(begun != 0.0) for own, begun in zip(inputs.own, moved.own, strict=True)]
+    )
 
-    def row(inputs: Inputs, at: _AtInstants, moved: Inputs) -> tuple[Array, Array, Array]:
-        speed = _along(at.by.velocity, *(inputs.motion @ jnp.asarray(grid.slope(grid.angle)))) + at.by.speed
-        analysis = jnp.asarray(grid.analysis())
-        by_motion = analysed(jnp.stack([at.by.position, inputs.speed * at.by.velocity], axis=1), grid)
+    def those(inputs: Inputs, moved: Inputs) -> ForceSlopes:
+        branches = [functools.partial(_with_effect, k, effect, rotor, grid) for k, effect in enumerate(effects)]
+        at, by_own = _with_those(present, branches, (_nothing(inputs, grid), none.change), inputs, moved)
+        force, by_motion = jax.vmap(functools.partial(_analysed_slopes, grid))(inputs._replace(own=()), at)
+        return ForceSlopes(force, by_motion, by_own + _with_speed_and_bow(grid, inputs, at, moved))
 
-        def change(faster: Array, bow: Vector) -> Array:
-            return (_along(at.by.bow, *_waves_of(bow, grid, grid.angle)) + speed * faster) @ analysis
-
-        return (
-            at.force @ analysis,
-            by_motion,
-            jax.vmap(change)(moved.speed, moved.bow) if shape[1] else jnp.zeros(shape[1:]),
-        )
-
-    force, by_motion, change = jax.vmap(row)(inputs._replace(own=()), at, moved._replace(own=()))
-    return ForceSlopes(force, by_motion, change + by_own)
+    return jax.lax.cond(jnp.any(present), those, lambda *_: none, inputs, moved)
 
 
 class _AtInstants(NamedTuple):
@@ -244,16 +255,15 @@ def _nothing(inputs: Inputs, grid: Grid) -> _AtInstants:
 
 
 def _with_effect(
+    k: int,
     effect: EffectOf,
     rotor: AbstractRotor,
     grid: Grid,
     total: tuple[_AtInstants, Array],
     inputs: Inputs,
-    moved: Float[Array, "row column param"],
+    moved: Inputs,
 ) -> tuple[_AtInstants, Array]:
-    """The total, one effect added. **Arguments:** ``inputs`` with the parameters of that one alone; ``moved``: their
-    changes.
-    """
+    """The total, and what changes of its own parameters change, one effect added."""
 
     def row(inputs: Inputs, moved: Array) -> tuple[Array, Moment, Array]:
         force = _at_instants(sum_of((effect,), rotor), grid, inputs, inputs.own)
@@ -264,8 +274,34 @@ def _with_effect(
         )
         return force, _by_moment((effect,), grid, inputs, rotor), by_own
 
-    force, by, change = jax.vmap(row)(inputs, moved)
+    force, by, change = jax.vmap(row)(inputs._replace(own=inputs.own[k : k + 1]), moved.own[k])
     return _AtInstants(total[0].force + force, jax.tree.map(operator.add, total[0].by, by)), total[1] + change
+
+
+def _analysed_slopes(grid: Grid, inputs: Inputs, at: _AtInstants) -> tuple[Array, Array]:
+    """Coefficients of the force of one row, and their slopes by those of the motion."""
+    by = jnp.stack([at.by.position, inputs.speed * at.by.velocity], axis=1)
+    return at.force @ jnp.asarray(grid.analysis()), analysed(by, grid)
+
+
+def _with_speed_and_bow(
+    grid: Grid, inputs: Inputs, at: _AtInstants, moved: Inputs
+) -> Float[Array, "row column dof coefficient"]:
+    """Changes of the coefficients with those of speed and bow, if there are any."""
+    analysis = jnp.asarray(grid.analysis())
+
+    def row(inputs: Inputs, at: _AtInstants, moved: Inputs) -> Array:
+        by_speed = _along(at.by.velocity, *(inputs.motion @ jnp.asarray(grid.slope(grid.angle)))) + at.by.speed
+        return jax.vmap(
+            lambda faster, bow: (_along(at.by.bow, *_waves_of(bow, grid, grid.angle)) + by_speed * faster) @ analysis
+        )(moved.speed, moved.bow)
+
+    none = jnp.zeros((*moved.speed.shape, *inputs.motion.shape[1:]))
+    if not moved.speed.shape[1]:
+        return none
+    moving = jnp.any(moved.speed != 0.0) | jnp.any(moved.bow.x != 0.0) | jnp.any(moved.bow.y != 0.0)
+    parts = (inputs._replace(own=()), at, moved._replace(own=()))
+    return jax.lax.cond(moving, jax.vmap(row), lambda *_: none, *parts)
 
 
 def _is_zero(tangent: Any) -> bool:
