@@ -11,7 +11,7 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
-from rotorjax.discovery.compare import Comparison, compare_vectors
+from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.contest import Contest, check_catalog, make_contest
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
@@ -38,7 +38,6 @@ from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
-from rotorjax.physics.response import response
 from rotorjax.units import MICROMETRE
 
 MOST_SEPARATED = 4
@@ -141,9 +140,8 @@ def _as_stated(contest: Contest, model: Model) -> Comparison:
     m = contest.measurement
     given = contest.space.given_unknowns()
     if np.any(contest.space.timed() & (given != 0.0)):
-        declared = np.asarray(response(contest.space.model_at(given), m.conditions))
-    else:
-        declared = predict(contest.space, m.conditions, given, budget=contest.budget).shown
+        return compare(model, m)
+    declared = predict(contest.space, m.conditions, given, budget=contest.budget).shown
     require_steady(declared, m)
     return compare_vectors(declared, m, model)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rotorjax.data.declarations import Mistake
-from rotorjax.data.measurement import Measurement, require_steady
+from rotorjax.data.measurement import Measurement
 from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
@@ -137,19 +137,11 @@ def tell(
         model, measurement = mistake.put_right(model, measurement)
     undriven = undriven_orders(model.plus(additions), measurement) if additions else ()
     measurement = without_orders(measurement, undriven)
+    stated = stated or compare(model, measurement)
     fits = fit_steps(model, additions, measurement, fixed=fixed)
     views = tuple(compare_vectors(f.predicted, measurement, f.model) for f in fits)
-    if stated is None:
-        predicted = _as_declared(fits[0], measurement)
-        require_steady(predicted, measurement)
-        stated = compare_vectors(predicted, measurement, model)
     others = tuple(rivals(fits[-1])) if additions else ()
     return Story(model, measurement, stated, names, tuple(fits), views, others, undriven, mistake)
-
-
-def _as_declared(first: Fit, measurement: Measurement) -> np.ndarray:
-    """The prediction before anything was fitted, by the model that is compiled already."""
-    return np.asarray(response(first.stage.space.model, measurement.conditions))
 
 
 def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]:
