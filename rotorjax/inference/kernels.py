@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 
     unknowns: Float[np.ndarray, "row param"]
     columns: Int[np.ndarray, "row column"]
-    """Unknowns by which slopes are wanted; -1 for none."""
+    """Unknowns by which slopes are wanted; -1, at the end, for none."""
     speed: Float[np.ndarray, "row"]
     unbalance: Float[np.ndarray, "row plane dof"]
     bow: Float[np.ndarray, "row dof"]
@@ -53,6 +53,11 @@ class Rows(NamedTuple):
     def steady(self) -> tuple[np.ndarray, ...]:
         """All but the sweep."""
         return self[:-1]
+
+    @property
+    def wanted(self) -> slice:
+        """Columns in which any row has an unknown: as many as slopes are given by."""
+        return slice(int(np.count_nonzero(self.columns >= 0, axis=1).max(initial=0)))
 
 
 class Reading(NamedTuple):
@@ -141,15 +146,19 @@ class Kernels:
 
     def linear(self, rows: Rows) -> Reading:
         """Every order in closed form, forces that depend on motion left out."""
-        return self._with_sweep(rows, *self._linear(*rows.steady))
+        shown, slopes = self._linear(*rows.steady)
+        return self._with_sweep(rows, shown, slopes[:, rows.wanted])
 
     def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
         """Orders that depend on one another, along a motion that need not be one."""
         parts = iter(self._balanced(*self._filled(rows).steady, motion))
-        size = motion[0].size
-        shown, shown_slopes = self._with_sweep(rows, *(next(parts)[..., self._read] for _ in range(2)))
+        size, wanted = motion[0].size, rows.wanted
+        shown, shown_slopes = self._with_sweep(
+            rows, next(parts)[..., self._read], next(parts)[:, wanted][..., self._read]
+        )
         shown_by_motion = next(parts)[:, :, self._read]
-        lacking, lacking_slopes = (as_coefficients(np.stack([next(parts), next(parts)], axis=-2)) for _ in range(2))
+        lacking = as_coefficients(np.stack([next(parts), next(parts)], axis=-2))
+        lacking_slopes = as_coefficients(np.stack([next(parts)[:, wanted], next(parts)[:, wanted]], axis=-2))
         dynamic = [[next(parts), next(parts)], [next(parts), next(parts)]]
         force, force_slopes, force_by_motion = parts
         add_dynamic(force_by_motion, dynamic)
@@ -159,7 +168,7 @@ class Kernels:
             shown_slopes,
             (force + lacking).reshape(-1, size),
             force_by_motion.reshape(-1, size, size),
-            np.moveaxis((force_slopes + lacking_slopes).reshape(*shown_slopes.shape[::2], size), 1, 2),
+            np.moveaxis((force_slopes[:, wanted] + lacking_slopes).reshape(*shown_slopes.shape[::2], size), 1, 2),
         )
 
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
@@ -178,7 +187,7 @@ class Kernels:
         if len(moving):
             added, by_column = self._swept(*(values[moving] for values in rows))
             shown[moving] += added
-            slopes[moving] += by_column
+            slopes[moving] += by_column[:, rows.wanted]
         return Reading(_cells(shown), _cells_by_column(slopes))
 
     def _filled(self, rows: Rows) -> Rows:
@@ -193,7 +202,8 @@ def kernels_of(space: Space) -> Kernels:
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:
     """Real and imaginary part of every probe and order in a row."""
-    return numpy_pair(vectors).reshape(*vectors.shape[:-2], -1)
+    probes, orders = vectors.shape[-2:]
+    return numpy_pair(vectors).reshape(*vectors.shape[:-2], 2 * probes * orders)
 
 
 def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> Float[np.ndarray, "row cell column"]:
@@ -202,8 +212,9 @@ def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> F
 
 def as_coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
     """`rotorjax.physics.harmonic_balance.to_real` in NumPy."""
+    pairs = numpy_pair(amplitudes[..., 1:])
     return np.concatenate(
-        [np.real(amplitudes[..., :1]), numpy_pair(amplitudes[..., 1:]).reshape(*amplitudes.shape[:-1], -1)], axis=-1
+        [np.real(amplitudes[..., :1]), pairs.reshape(*amplitudes.shape[:-1], 2 * pairs.shape[-2])], axis=-1
     )
 
 

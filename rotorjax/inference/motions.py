@@ -99,9 +99,8 @@ def balanced(
             share[alive] = np.where(better, np.minimum(1.0, 2.0 * share[alive]), 0.3 * share[alive])
             for old, new in zip(here, there, strict=True):
                 old[alive[better]] = new[better]
-            for row, motion, off in zip(alive, trial, there.off, strict=True):
-                if off < nearest[row]:
-                    found[row], nearest[row] = motion, off
+            nearer = there.off < nearest[alive]
+            found[alive[nearer]], nearest[alive[nearer]] = trial[nearer], there.off[nearer]
         for row, (k, state) in enumerate(rows):
             motions[k][state] = found[row]
     cases = [
