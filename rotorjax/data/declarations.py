@@ -200,7 +200,7 @@ def _phase(_: Model, m: Measurement) -> Iterator[Mistake]:
 
 
 def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
-    """Numbers of the table that are too large or too small by a factor: the same probes, with that sensitivity."""
+    """Numbers of the table that are too large or too small by a factor: all that is read, in that scale."""
     if m.rms == 0.0:
         return
     for kind, about, factor, meaning, cure in amplitude_changes(m.knowledge.amplitude):
@@ -209,7 +209,8 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
             continue
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
-            return _with_participation(model, np.full(len(model.layout.probes), factor)), m
+            scale = as_array(np.asarray(model.probes.scale) * factor)
+            return dataclasses.replace(model, probes=dataclasses.replace(model.probes, scale=scale)), m
 
         yield Mistake(kind, about, meaning, cure, corrected)
 

@@ -176,6 +176,7 @@ def _motion(
     shown = measurement.vectors + rotor.at_slow_roll(at) - rotor.added_by_sweep(at)
     weight = measurement.weights(allowance)[..., 0]
     weight = np.swapaxes(np.where(measurement.present, np.where(weight > 0.0, weight, 1.0 / MICROMETRE), 0.0), 1, 2)
+    weight = weight * np.abs(sight.turn)[..., None]
     miss = np.swapaxes(shown, 1, 2) / sight.turn[..., None] - sight.rest
     sees = sight.along
     real = np.array(measurement.orders) == 0.0

@@ -109,6 +109,10 @@ class Probes(eqx.Module):
     participation: Float[Array, "probe"] = eqx.field(converter=as_float)
     on_foundation: Float[Array, "probe"] = eqx.field(converter=as_float)
     """One where the probe reads against the foundation, zero where against the ground."""
+    scale: Float[Array, ""] = eqx.field(converter=as_float, default=1.0)
+    """What the measurement shows over what the probes read: one, but where amplitudes are tried as written otherwise
+    than stated.
+    """
 
 
 def two_probes() -> Probes:

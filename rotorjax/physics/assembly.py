@@ -120,8 +120,8 @@ def assemble(model: Model, point: OperatingPoint) -> Assembled:
 
 
 class Chain(NamedTuple):
-    """The measuring chain at one order: what it adds to and multiplies the motion by, and how it turns
-    what comes out.
+    """The measuring chain at one order: what it adds to and multiplies the motion by, and how it turns and scales what
+    comes out.
     """
 
     gain: Any
@@ -137,7 +137,7 @@ class Chain(NamedTuple):
         readings = [e.reading(point) for e in model.effects if isinstance(e, ReadingEffect)]
         gain: Any = math.prod(r.gain for r in readings)
         total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
-        turn = jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
+        turn = model.probes.scale * jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
         return cls(gain, total.runout, total.direction, turn)
 
     def sensed(self, probes: Probes, motion: Motion) -> Complex[Array, "probe"]:

@@ -7,7 +7,19 @@ import re
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, explain, read_measurement, read_rig
+from rotorjax import (
+    Conditions,
+    Jeffcott,
+    Layout,
+    Measurement,
+    Model,
+    effects,
+    explain,
+    read_measurement,
+    read_rig,
+    response,
+    tell,
+)
 from rotorjax.arrays import as_array
 from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
@@ -158,3 +170,23 @@ def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it():
     drawn, mistake = draw_with_mistake(31058)
     found = explain(drawn.model, drawn.measurement)
     assert (found.verdict, found.named) == ("explained", (mistake, *drawn.effects))
+
+
+def test_values_are_those_of_the_probes_not_of_the_table():
+    """Amplitudes that are half of what they should be: runout and the limit of a probe are in metres that it sees."""
+    speeds, weights = np.linspace(80.0, 320.0, 16), np.array([0.0, 3e-5, 2e-5 + 3e-5j])
+    unbalance = np.repeat(np.stack([weights.real, weights.imag], axis=-1)[:, None], len(speeds), axis=0)
+    conditions = Conditions.at(np.tile(speeds, 3), unbalance=unbalance)
+    model = Model(Jeffcott(1.0, [56538.0, 51282.0], [0.05, 0.05]))
+    read = {"real_m.X.1X": 2e-5, "real_m.Y.1X": 0.0, "imaginary_m.X.1X": 0.0, "imaginary_m.Y.1X": -1e-5}
+    true = [effects.Runout([[2e-5], [0.0]], [[0.0], [-1e-5]]), effects.ProbeSaturation(2e3)]
+    halved = 0.5 * np.asarray(response(model.plus(true), conditions))
+    stated = Measurement.from_arrays(
+        halved, conditions, run=np.repeat(np.arange(3), len(speeds)), runs=("none", "a", "b"), sigma=1e-8
+    )
+    stated = dataclasses.replace(stated, knowledge=dataclasses.replace(stated.knowledge, amplitude="peak-to-peak"))
+    (mistake,) = mistakes(model, stated, ["amplitude_halved"])
+    fitted = tell(model, stated, [type(effect)() for effect in true], mistake=mistake).fits[-1]
+    found = {entry: fitted.estimate("runout", entry).value for entry in read}
+    assert found == pytest.approx(read, abs=1e-7)
+    assert fitted.estimate("probe_saturation", "inverse_limit_per_m").value == pytest.approx(2e3, rel=1e-3)
