@@ -42,6 +42,8 @@ KINDS = (
     "slow_roll_subtracted",
 )
 """All kinds of changes, by name."""
+OF_WEIGHT = ("weight_absent", "weight_direction")
+"""Those that change the weight of the rotor: what balancing weights do, `weight_angles_reversed`, is none of them."""
 
 Stated = tuple[Model, Measurement]
 """What rig file and table state, as a model and a measurement."""

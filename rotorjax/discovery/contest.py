@@ -22,6 +22,8 @@ from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
 from rotorjax.model.model import Model
 
+FITS = 5.0
+"""Standard deviations of chi-square up to which a fit holds within the noise of the table."""
 Effects = frozenset[str]
 """A hypothesis: the names of the effects that are there."""
 
@@ -77,6 +79,8 @@ class Contest:
     """Noise beside the table's that is known to be there."""
     linear_may_hold: bool = True
     """Whether effects that do not depend on motion may hold within the table's noise: not if all at once do not."""
+    forces_in_floor: bool = False
+    """Whether a misfit in the floor may come from forces that depend on motion: it was told without any."""
 
     @cached_property
     def timed(self) -> Effects:
@@ -139,6 +143,12 @@ class Contest:
         left = self.left(end, self.data(contender.noise, end.point))
         felt_by = self._felt_by(self.floor, end.point)
         return misfit_of(self.kept_measurement(), felt_by, left, len(end.free), self.floor)
+
+    @cached_property
+    def most_held(self) -> float:
+        """Cost of the data up to which a fit holds within the noise of the table."""
+        numbers = np.count_nonzero(self.kept_measurement().weights(0.0))
+        return float(0.5 * (numbers + FITS * math.sqrt(2.0 * numbers)))
 
     def left(self, end: End, data: Data) -> Complex[np.ndarray, "case probe order"]:
         """Model minus measured on the cases that count, zero elsewhere [m]."""
@@ -234,4 +244,6 @@ def with_floor(contest: Contest, contender: Contender) -> Contest:
     rest.
     """
     left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
-    return dataclasses.replace(contest, floor=run_floor(contest.kept_measurement(), contest.model_at(contender), -left))
+    floor = run_floor(contest.kept_measurement(), contest.model_at(contender), -left)
+    hidden = floor.allowance > 0.0 and not contender.effects & contest.timed
+    return dataclasses.replace(contest, floor=floor, forces_in_floor=hidden)

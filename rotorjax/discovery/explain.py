@@ -25,6 +25,7 @@ from rotorjax.discovery.search import (
     Progress,
     Selection,
     Telling,
+    begin,
     change_by,
     noise_size,
     select,
@@ -132,7 +133,7 @@ def _as_done(
     model = reversed_rotation(model)
     contest = selection.contest
     own = make_contest(model, contest.measurement, candidates, catalog, contest.budget)
-    return model, select(own, selection.most, progress=progress)
+    return model, select(begin(own, progress=progress), selection.most, progress=progress)
 
 
 def _as_stated(contest: Contest, model: Model) -> Comparison:

@@ -15,10 +15,10 @@ import numpy as np
 
 from rotorjax.data.declarations import Mistake, log_odds, mistakes, promising
 from rotorjax.discovery.contest import Contest
-from rotorjax.discovery.race import score, share_counted
+from rotorjax.discovery.race import exactly, score, share_counted
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, dear, of_what_fails, screen
-from rotorjax.discovery.search import Progress, Selection, select
+from rotorjax.discovery.search import NOTHING, Begun, Progress, Selection, begin, select
 from rotorjax.discovery.ties import noise_left, settled
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 from rotorjax.model.contract import Effect, Family
@@ -80,29 +80,28 @@ def race_of_mistakes(
     where what is stated leads to an answer that holds and is not `_like_a_mistake`: with such an answer only changes
     are searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
     """
-    measurement = contest.measurement
-    every = mistakes(contest.space.model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
-    if not every:
-        return Race((Alternative(None, select(contest, most, progress=progress), 0.0, 0.0),), tried=False)
-    odds = log_odds(every, 1.0 / len(get_args(Family)))
-    changes = [Change.of(contest, one, odds[one.name]) for one in promising(contest.space.model, measurement, every)]
-    screened, stated, budget = [], None, contest.budget
-    if measurement.sigma is not None:
-        stated = as_stated(contest)
-        if not stated.holds:
-            progress("whether something was written down wrongly")
-            stated, screened, ahead = of_what_fails(stated, changes)
-            if ahead and (race := _without_what_is_stated(stated, ahead, most, progress)):
-                return race
+    changes = _changes(contest, kinds)
+    if not changes:
+        found = select(begin(contest, progress=progress), most, progress=progress)
+        return Race((Alternative(None, found, 0.0, 0.0),), tried=False)
+    stated, screened, ahead = _screened(contest, changes, progress)
+    if stated:
+        if ahead and (answer := _without_what_is_stated(stated, ahead, most, progress)):
+            return answer
         contest = dataclasses.replace(contest, linear_may_hold=stated.may_hold)
-    before = budget.spent
-    own, unfinished = _search_as_stated(contest, most, progress, beside=any(one.change.of_weight for one in screened))
-    share = math.inf if _misses(own) else budget.spent - before
+    before = contest.budget.spent
+    weights = [one for one in screened if one.change.of_weight]
+    begun = begin(contest, progress=progress)
+    ahead = _ahead_with_a_force(begun, weights, progress)
+    if stated and ahead and (answer := _without_what_is_stated(stated, ahead, most, progress, begun=begun)):
+        return answer
+    own, unfinished = _search_as_stated(begun, most, progress, beside=bool(weights))
+    share = math.inf if _misses(own) else contest.budget.spent - before
     own = own if always else _with_its_ties(own, catalog, progress)
     doubtful = always or _misses(own) or _like_a_mistake(own)
-    if budget.exhausted or not (doubtful or screened):
+    if contest.budget.exhausted or not (doubtful or screened):
         return Race((own,), tried=bool(screened))
-    noise = Noise(own.misfit if measurement.sigma is None else 0.0)
+    noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
     stated = stated or screen(Change(None, contest), noise)
     if not screened:
         progress("whether something was written down wrongly")
@@ -110,21 +109,67 @@ def race_of_mistakes(
         screened = [screen(change, noise, hopeless=hopeless) for change in changes]
     near = _near(own, stated, screened, noise, beside_forces=doubtful)
     if unfinished:
-        share = budget.left / max(1, len(near))
+        share = contest.budget.left / max(1, len(near))
     found, cut_off = _with_near(own, near, noise, most, progress, share=share)
     if unfinished and _ranked(found, cut_off).best is own:
-        found[0] = _alternative(None, select(contest, most, known=own.selection.known, progress=progress))
+        again = begin(contest, known=own.selection.known, progress=progress)
+        found[0] = _alternative(None, select(again, most, progress=progress))
     return _ranked(found, cut_off)
 
 
-def _search_as_stated(contest: Contest, most: int, progress: Progress, *, beside: bool) -> tuple[Alternative, bool]:
+def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
+    """Of some kinds, as far as the data do not rule them out."""
+    model, measurement = contest.space.model, contest.measurement
+    every = mistakes(model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
+    if not every:
+        return []
+    odds = log_odds(every, 1.0 / len(get_args(Family)))
+    return [Change.of(contest, one, odds[one.name]) for one in promising(model, measurement, every)]
+
+
+def _screened(
+    contest: Contest, changes: list[Change], progress: Progress
+) -> tuple[Screened | None, list[Screened], list[Screened]]:
+    """What is stated, where the noise is known, and as in `of_what_fails` where linear effects do not hold with it."""
+    if contest.measurement.sigma is None:
+        return None, [], []
+    stated = as_stated(contest)
+    if stated.holds:
+        return stated, [], []
+    progress("whether something was written down wrongly")
+    return of_what_fails(stated, changes)
+
+
+def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progress) -> list[Screened]:
+    """Changes of the rotor's weight, the most probable first, if one holds within the noise of the table beside a force
+    that depends on motion where no effect does beside what is stated; else none.
+
+    Looked at before a second effect is, and before any misfit is allowed for: beside a wrong weight forces are added
+    without end.
+    """
+    forces = [frozenset({name}) for name in begun.contest.candidates if name in begun.contest.timed]
+    if not weights or not forces or begun.exact.leader is not None:
+        return []
+    progress("whether the weight of the rotor was written down wrongly")
+    ahead, held = list[tuple[float, Screened]](), False
+    for one in weights:
+        own = dataclasses.replace(one.change.contest, linear_may_hold=False)
+        exact = exactly(own, forces, {NOTHING: begun.known[NOTHING]})
+        held = held or exact.leader is not None
+        best = max(own.log_posterior(contender) for contender in exact.contenders.values())
+        known = one.change._replace(known=exact.contenders)
+        ahead.append((best + one.change.log_odds, one._replace(change=known)))
+    return [one for _, one in sorted(ahead, key=lambda scored: -scored[0])] if held else []
+
+
+def _search_as_stated(begun: Begun, most: int, progress: Progress, *, beside: bool) -> tuple[Alternative, bool]:
     """What is stated, searched, and whether that is unfinished. **Arguments:** ``beside``: whether the rotor may have
     another weight: forces that depend on motion make up for a wrong one without end, so that two fifths of the
     linearisations are left.
     """
-    budget = contest.budget
+    budget = begun.contest.budget
     with budget.share(OF_WHAT_IS_STATED * budget.left if beside else math.inf):
-        own = _alternative(None, select(contest, most, progress=progress))
+        own = _alternative(None, select(begun, most, progress=progress))
         return own, beside and budget.exhausted
 
 
@@ -179,10 +224,13 @@ class _Reach(NamedTuple):
         return -one.counting(self.share) > self.least
 
 
-def _without_what_is_stated(stated: Screened, ahead: list[Screened], most: int, progress: Progress) -> Race | None:
-    """Changes with which linear effects leave far less than with what is stated, or hold within the noise where they do
-    not: if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for
-    a force that depends on motion may hold. **Returns** nothing where none does within half of the linearisations left.
+def _without_what_is_stated(
+    stated: Screened, ahead: list[Screened], most: int, progress: Progress, *, begun: Begun | None = None
+) -> Race | None:
+    """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
+    if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
+    force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated. **Returns**
+    nothing where none does within half of the linearisations left.
     """
     budget = stated.change.contest.budget
     nearest, *further = ahead
@@ -194,7 +242,8 @@ def _without_what_is_stated(stated: Screened, ahead: list[Screened], most: int, 
     took = budget.spent - before
     found, cut_off = _with_near(first, _near(first, stated, further, NO_NOISE), NO_NOISE, most, progress)
     with budget.share(took):
-        own = _alternative(None, select(stated.change.contest, most, progress=progress))
+        begun = begun or begin(stated.change.contest, progress=progress)
+        own = _alternative(None, select(begun, most, progress=progress))
     return _ranked([*found, own], cut_off)
 
 
@@ -238,7 +287,7 @@ def _ranked(found: list[Alternative], cut_off: tuple[Mistake, ...]) -> Race:
 def _searched(change: Change, most: int, progress: Progress) -> Alternative:
     assert change.mistake is not None
     progress(f"whether {change.mistake.meaning}")
-    return _alternative(change.mistake, select(change.contest, most), change.log_odds)
+    return _alternative(change.mistake, select(begin(change.contest, known=change.known), most), change.log_odds)
 
 
 def _near(
@@ -262,7 +311,7 @@ def _near(
     near = [one for one in screened if one not in with_forces and reach.holds(one) and one.differs(stated)]
     found = [one.without(costly) for one in near]
     if with_forces:
-        level = screen(stated.change, noise, answer)
+        level = screen(stated.change, noise, answer, hopeless=reach.hopeless)
         fitted = [screen(one.change, noise, answer, hopeless=reach.hopeless) for one in with_forces]
         near = [one for one in fitted if reach.holds(one) and one.differs(level)]
         found += [one.without(costly - beside) for one in near]

@@ -1,5 +1,6 @@
 """The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -259,28 +260,30 @@ class Race(NamedTuple):
     winner: Effects
 
 
-def settle(contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise) -> Race:
+class Exact(NamedTuple):
+    """Contenders under the noise of the table alone."""
+
+    contenders: Known
+    leader: Effects | None
+    """The best of them, if it holds within that noise."""
+
+
+def settle(
+    contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise, *, exact: Exact | None = None
+) -> Race:
     """Race hypotheses until the misfit allowed for is what the winner leaves.
 
     Under the noise that is known, if one holds within that. Else again and again: the noise is common to all, so that
     the evidence compares what they predict and not how much each may miss. It begins wide and comes down, not below the
     floor: a wide one lets no hypothesis be dragged into a corner by data that it cannot meet. **Arguments:** ``noise``:
-    where to begin.
+    where to begin; ``exact``: what they are under the noise that is known, if that was tried.
     """
     wanted = list(dict.fromkeys(hypotheses))
-    exact: Known = {}
-    if contest.measurement.sigma is not None and contest.floor == NO_NOISE:
-        possible = wanted if contest.linear_may_hold else [effects for effects in wanted if effects & contest.timed]
-        # Where nothing can hold, this leads nowhere and would go on for long.
-        with contest.budget.share(EXACT_SHARE):
-            exact = race(contest, contest.floor, possible, known)
-        if possible and _leader_holds(contest, exact, possible):
-            # The others, and what was cut off, as the share was spent.
-            exact = race(contest, contest.floor, wanted, {**known, **exact})
-            if _leader_holds(contest, exact, wanted):
-                return Race(contest.floor, exact, _leader(contest, exact, wanted))
+    exact = exact or exactly(contest, wanted, known)
+    if exact.leader is not None:
+        return Race(NO_NOISE, exact.contenders, exact.leader)
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    found = {**known, **race(contest, noise, wanted, known, also=exact)}
+    found = {**known, **race(contest, noise, wanted, known, also=exact.contenders)}
     for _ in range(MOST_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)
@@ -306,9 +309,28 @@ def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
     return max(wanted, key=lambda effects: contest.log_posterior(found[effects]))
 
 
-def _leader_holds(contest: Contest, found: Known, wanted: list[Effects]) -> bool:
-    """Whether the best leaves no more than the noise that is known."""
-    return contest.misfit_left(found[_leader(contest, found, wanted)]) == contest.floor.allowance
+def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
+    """Hypotheses under the noise of the table alone; where some misfit is known to be there those with forces that
+    depend on motion, which that misfit may come from. If none of them holds some are missing.
+    """
+    if contest.measurement.sigma is None or not (contest.floor == NO_NOISE or contest.forces_in_floor):
+        return Exact({}, None)
+    linear = contest.floor == NO_NOISE and contest.linear_may_hold
+    possible = [effects for effects in wanted if linear or effects & contest.timed]
+    contest = dataclasses.replace(contest, floor=NO_NOISE)
+    # Where nothing can hold, this leads nowhere and would go on for long.
+    with contest.budget.share(EXACT_SHARE):
+        first = _exact(contest, possible, race(contest, NO_NOISE, possible, known))
+    if first.leader is None:
+        return first
+    # The others, and what was cut off, as the share was spent.
+    return _exact(contest, wanted, race(contest, NO_NOISE, wanted, {**known, **first.contenders}))
+
+
+def _exact(contest: Contest, wanted: list[Effects], found: Known) -> Exact:
+    leader = _leader(contest, found, wanted) if wanted else None
+    holds = leader is not None and contest.misfit_left(found[leader]) == 0.0
+    return Exact(found, leader if holds else None)
 
 
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rotorjax.data.declarations import Mistake
-from rotorjax.discovery.contest import Contender, Contest, Effects
+from rotorjax.data.declarations import OF_WEIGHT, Mistake
+from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
 from rotorjax.inference.descent import HOPELESS, End, descend, starts_at
@@ -26,8 +26,6 @@ HALVED = 0.5
 not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn forces that
 depend on motion; mistakes left 0.03 to 0.07.
 """
-FITS = 5.0
-"""Standard deviations of chi-square up to which a fit of all linear effects holds within the noise."""
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
 SAME = 1e-6
@@ -40,26 +38,18 @@ class Change(NamedTuple):
     mistake: Mistake | None
     contest: Contest
     log_odds: float = 0.0
-
-    @property
-    def numbers(self) -> int:
-        """Of data that count."""
-        return int(np.count_nonzero(self.contest.measurement.weights(0.0)))
-
-    @property
-    def most_held(self) -> float:
-        """Cost up to which a fit holds within the noise."""
-        return 0.5 * (self.numbers + FITS * math.sqrt(2.0 * self.numbers))
+    known: Known | None = None
+    """What was fitted beside it already."""
 
     @property
     def far_off(self) -> float:
         """Cost that a fit under the noise of the table may promise at most to go on, twice what holds."""
-        return self.most_held / HALVED
+        return self.contest.most_held / HALVED
 
     @property
     def of_weight(self) -> bool:
         """Whether it changes the weight of the rotor."""
-        return self.mistake is not None and self.mistake.kind.startswith("weight_")
+        return self.mistake is not None and self.mistake.kind in OF_WEIGHT
 
     @classmethod
     def of(cls, contest: Contest, mistake: Mistake, odds: float) -> "Change":
@@ -100,12 +90,12 @@ class Screened(NamedTuple):
     @property
     def holds(self) -> bool:
         """Whether what the fit leaves, and the size of its values, are no more than noise and priors allow."""
-        return self.end.cost < self.change.most_held
+        return self.end.cost < self.change.contest.most_held
 
     @property
     def may_hold(self) -> bool:
         """Whether some of the effects of the fit may hold within the noise by themselves."""
-        numbers = self.change.numbers
+        numbers = np.count_nonzero(self.change.contest.measurement.weights(0.0))
         return bool(2.0 * self.end.data_cost < LARGEST_HEALTHY_CHI2 * numbers + FITS * math.sqrt(2.0 * numbers))
 
     def differs(self, other: "Screened") -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, with_floor
-from rotorjax.discovery.race import WORTH_TRYING, Race, contender_of, log_likelihood, settle
+from rotorjax.discovery.race import WORTH_TRYING, Exact, Race, contender_of, exactly, log_likelihood, settle
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -148,25 +148,48 @@ def may_be_missing(ranked: Sequence[Ranked]) -> list[Ranked]:
     return [first, *(r for r in others if r.probability >= DETECTED)]
 
 
-def select(
-    contest: Contest, most: int, *, known: Known | None = None, progress: Progress = lambda _: None
-) -> Selection:
-    """Add effects one after the other until "none" is probable.
+class Begun(NamedTuple):
+    """A search before its first step: nothing is added, and every effect was tried under the noise of the table."""
 
-    After each addition all one-for-one swaps and all pairs of the best eight are tried (`Contest.lean` leaves out
-    forces that cost more than they promise), unless a first effect holds within the noise by itself; then effects that
-    are not needed go. **Arguments:** ``most`` effects at most; ``known``: what a search that was cut off had fitted.
-    """
+    contest: Contest
+    """With the noise floor beside nothing added."""
+    known: Known
+    noise: Noise
+    """That the model as declared leaves."""
+    exact: Exact
+
+
+def begin(contest: Contest, *, known: Known | None = None, progress: Progress = lambda _: None) -> Begun:
+    """What `select` goes on from. **Arguments:** ``known``: what was fitted before."""
     table: Known = dict(known or {})
     start = settle(contest, [NOTHING], table, _wide(contest))
     contest = with_floor(contest, start.contenders[NOTHING])
     table.update(start.contenders)
-    noise, present, small = start.noise, NOTHING, NOTHING
+    progress(_beside(NOTHING))
+    return Begun(contest, table, start.noise, exactly(contest, _with_one_more(contest, NOTHING), table))
+
+
+def _beside(present: Effects) -> str:
+    return f"what is missing beside {', '.join(sorted(present)) or 'the model as declared'}"
+
+
+def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> Selection:
+    """Add effects one after the other until "none" is probable.
+
+    After each addition all one-for-one swaps and all pairs of the best eight are tried (`Contest.lean` leaves out
+    forces that cost more than they promise), unless a first effect holds within the noise by itself; then effects that
+    are not needed go. **Arguments:** ``most`` effects at most.
+    """
+    contest, table, noise = begun.contest, dict(begun.known), begun.noise
+    present, small = NOTHING, NOTHING
     tried: set[Effects] = {NOTHING}
     seen: dict[Effects, Race] = {}
     while True:
-        progress(f"what is missing beside {', '.join(sorted(present)) or 'the model as declared'}")
-        race = seen[present | small] = forward(contest, present | small, table, noise)
+        if seen:
+            progress(_beside(present))
+        race = seen[present | small] = forward(
+            contest, present | small, table, noise, exact=None if seen else begun.exact
+        )
         table.update(race.contenders)
         leader = showing(contest, race, present | small)
         none = none_left(leader)
@@ -200,10 +223,13 @@ def _wide(contest: Contest) -> Noise:
     return Noise(WIDE * max(contest.measurement.rms, 1e-9))
 
 
-def forward(contest: Contest, base: Effects, table: Known, noise: Noise) -> Race:
-    """The race of all that may be added to a set."""
-    hypotheses = [base, *(base | {name} for name in contest.candidates if name not in base)]
-    return settle(contest, hypotheses, table, noise)
+def forward(contest: Contest, base: Effects, table: Known, noise: Noise, *, exact: Exact | None = None) -> Race:
+    """The race of all that may be added to a set. **Arguments:** ``exact``: as for `settle`."""
+    return settle(contest, _with_one_more(contest, base), table, noise, exact=exact)
+
+
+def _with_one_more(contest: Contest, base: Effects) -> list[Effects]:
+    return [base, *(base | {name} for name in contest.candidates if name not in base)]
 
 
 def _refined(

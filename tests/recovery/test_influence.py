@@ -10,7 +10,7 @@ from rotorjax import effects
 from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import held_out
 from rotorjax.discovery.race import foreseen, race
-from rotorjax.discovery.search import retold, select
+from rotorjax.discovery.search import begin, retold, select
 from rotorjax.discovery.ties import find_ties, swap_each
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import make_folds
@@ -37,7 +37,7 @@ SOME = (
 @pytest.fixture(scope="module")
 def selection():
     model, measurement, _ = hidden.sufficient(effects.CrossCoupling, seed=1)
-    return select(make_contest(model, measurement, SOME), 3)
+    return select(begin(make_contest(model, measurement, SOME)), 3)
 
 
 def test_a_fit_without_part_of_the_data_is_foreseen(selection):
