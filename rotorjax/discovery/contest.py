@@ -24,6 +24,8 @@ from rotorjax.model.model import Model
 
 FITS = 5.0
 """Standard deviations of chi-square up to which a fit holds within the noise of the table."""
+FAR_OFF = 2.0
+"""Cost that a fit under that noise may promise at most to go on, in the largest with which it holds."""
 Effects = frozenset[str]
 """A hypothesis: the names of the effects that are there."""
 
@@ -149,6 +151,11 @@ class Contest:
         """Cost of the data up to which a fit holds within the noise of the table."""
         numbers = np.count_nonzero(self.kept_measurement().weights(0.0))
         return float(0.5 * (numbers + FITS * math.sqrt(2.0 * numbers)))
+
+    @property
+    def far_off(self) -> float:
+        """Cost of the data with which a fit under that noise does not go on, as it cannot come to hold."""
+        return FAR_OFF * self.most_held
 
     def left(self, end: End, data: Data) -> Complex[np.ndarray, "case probe order"]:
         """Model minus measured on the cases that count, zero elsewhere [m]."""

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -62,8 +63,10 @@ class Fit(Shown):
     held_out_rms: float | None
     """Root mean square |residual| of every fold, predicted without it [m]."""
     held_out_reason: str
-    run_scatter: RunScatter
-    """Random unbalance per run that would account for what is left."""
+    residual: Complex[np.ndarray, "case probe order"]
+    """Model minus measured [m], zero where nothing was measured."""
+    scatter: RunScatter | None
+    """Scatter between runs, where it was inferred before."""
     misfit: float
     """Standard error that had to be added to the table's, per component, to account for what is left [m]."""
     free: tuple[str, ...]
@@ -82,6 +85,14 @@ class Fit(Shown):
             f"Fit({values or 'nothing fitted'}; {self.stage.measurement.rms_of(self.predicted) / MICROMETRE:.3g} µm "
             f"rms{held})"
         )
+
+    @cached_property
+    def run_scatter(self) -> RunScatter:
+        """Random unbalance and bow per run that would account for what is left."""
+        if self.scatter is not None:
+            return self.scatter
+        fitted = self.stage.space.model_at(self.end.point)
+        return run_floor(self.stage.measurement, fitted, -self.residual).scatter
 
     def estimate(self, effect: str, label: str) -> Estimate:
         """The estimate of one entry."""
@@ -231,7 +242,8 @@ def summarise(
         ),
         held_out_rms=held_out,
         held_out_reason=reason,
-        run_scatter=run_floor(measurement, fitted, -left).scatter if scatter is None else scatter,
+        residual=left,
+        scatter=scatter,
         misfit=now.allowance,
         free=stage.names,
         quantile=quantile,

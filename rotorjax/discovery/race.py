@@ -19,10 +19,6 @@ from rotorjax.inference.squares import squares_of
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
-EXACT_SHARE = 50_000
-"""Single cases that one race under the noise that is known may linearise: twice what it took where one of the drawn
-hypotheses held.
-"""
 NOISE_FALL = 0.5
 """What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
 WORTH_TRYING = 40.0
@@ -37,13 +33,15 @@ def race(
     *,
     also: Known | None = None,
     afresh: bool = False,
+    hopeless: float = math.inf,
 ) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
     The influence of what scatters between runs is taken at the most probable that is known. What was fitted under this
     very noise is not fitted again, but for what was cut off. **Arguments:** ``also``: where forces that depend on
     motion ended under another noise, as further starts; ``afresh``: begin at the parameters known with motions as
-    measured, too: those that balanced where much was allowed for misfit may lie beyond a wall.
+    measured, too: those that balanced where much was allowed for misfit may lie beyond a wall; ``hopeless``: cost with
+    which a descent does not go on.
     """
     further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.timed}
     every = list(dict.fromkeys(hypotheses))
@@ -61,10 +59,12 @@ def race(
     # The smaller sets first: the larger ones begin where those ended.
     for size in sorted({len(effects) for effects in wanted}):
         level = [effects for effects in wanted if len(effects) == size]
-        for effects, ends in _fitted(contest, data, level, {**known, **found}, further, afresh=afresh).items():
+        for effects, ends in _fitted(
+            contest, data, level, {**known, **found}, further, afresh=afresh, hopeless=hopeless
+        ).items():
             found[effects] = contender_of(contest, effects, ends, noise)
     special = _special_cases(contest, found, {**known, **found}, noise)
-    for effects, ends in _fitted(contest, data, list(special), special, {}, afresh=False).items():
+    for effects, ends in _fitted(contest, data, list(special), special, {}, afresh=False, hopeless=hopeless).items():
         found[effects] = contender_of(contest, effects, [*found[effects].ends, *ends], noise)
     return found
 
@@ -106,6 +106,7 @@ def _fitted(
     further: Mapping[Effects, tuple[End, ...]],
     *,
     afresh: bool,
+    hopeless: float,
 ) -> dict[Effects, list[End]]:
     """Ends of all descents of each set. **Arguments:** ``further``: where to begin, too."""
     if not wanted:
@@ -118,7 +119,9 @@ def _fitted(
             masks.append(mask)
             owner.append(effects)
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
-    ends = descend(contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=QUICK)
+    ends = descend(
+        contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=QUICK, hopeless=hopeless
+    )
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
 
@@ -279,7 +282,7 @@ def settle(
     where to begin; ``exact``: what they are under the noise that is known, if that was tried.
     """
     wanted = list(dict.fromkeys(hypotheses))
-    exact = exact or exactly(contest, wanted, known)
+    exact = exact or (exactly(contest, wanted, known) if contest.floor == NO_NOISE else Exact({}, None))
     if exact.leader is not None:
         return Race(NO_NOISE, exact.contenders, exact.leader)
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
@@ -318,19 +321,19 @@ def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
     linear = contest.floor == NO_NOISE and contest.linear_may_hold
     possible = [effects for effects in wanted if linear or effects & contest.timed]
     contest = dataclasses.replace(contest, floor=NO_NOISE)
-    # Where nothing can hold, this leads nowhere and would go on for long.
-    with contest.budget.share(EXACT_SHARE):
-        first = _exact(contest, possible, race(contest, NO_NOISE, possible, known))
-    if first.leader is None:
-        return first
-    # The others, and what was cut off, as the share was spent.
-    return _exact(contest, wanted, race(contest, NO_NOISE, wanted, {**known, **first.contenders}))
+    first = race(contest, NO_NOISE, possible, known, hopeless=contest.far_off)
+    if _holding(contest, first, possible) is None:
+        return Exact(first, None)
+    every = race(contest, NO_NOISE, wanted, {**known, **first})
+    return Exact(every, _holding(contest, every, wanted))
 
 
-def _exact(contest: Contest, wanted: list[Effects], found: Known) -> Exact:
-    leader = _leader(contest, found, wanted) if wanted else None
-    holds = leader is not None and contest.misfit_left(found[leader]) == 0.0
-    return Exact(found, leader if holds else None)
+def _holding(contest: Contest, found: Known, wanted: list[Effects]) -> Effects | None:
+    """The best, if it leaves no more than the noise of the table."""
+    if not wanted:
+        return None
+    leader = _leader(contest, found, wanted)
+    return leader if contest.misfit_left(found[leader]) == 0.0 else None
 
 
 def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:

@@ -42,11 +42,6 @@ class Change(NamedTuple):
     """What was fitted beside it already."""
 
     @property
-    def far_off(self) -> float:
-        """Cost that a fit under the noise of the table may promise at most to go on, twice what holds."""
-        return self.contest.most_held / HALVED
-
-    @property
     def of_weight(self) -> bool:
         """Whether it changes the weight of the rotor."""
         return self.mistake is not None and self.mistake.kind in OF_WEIGHT
@@ -109,7 +104,7 @@ def as_stated(contest: Contest, *, to_the_end: bool = False) -> Screened:
     **Arguments:** ``to_the_end``: also where it promises to miss by far.
     """
     change = Change(None, contest)
-    enough = math.inf if to_the_end else change.far_off
+    enough = math.inf if to_the_end else contest.far_off
     stated = screen(change, NO_NOISE, hopeless=enough)
     if not stated.holds and (sweeps := _sweeps(contest)):
         also = screen(change, NO_NOISE, also=sweeps, hopeless=enough)
@@ -152,7 +147,7 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
     """
     measurement = stated.change.contest.measurement
     level = screen(stated.change, Noise(WIDE * measurement.rms))
-    enough = stated.change.far_off
+    enough = stated.change.contest.far_off
     stated = min(stated, _exactly(level, hopeless=enough), key=lambda one: one.end.cost)
     if stated.holds:
         return stated, [], []

@@ -225,7 +225,8 @@ def _wide(contest: Contest) -> Noise:
 
 def forward(contest: Contest, base: Effects, table: Known, noise: Noise, *, exact: Exact | None = None) -> Race:
     """The race of all that may be added to a set. **Arguments:** ``exact``: as for `settle`."""
-    return settle(contest, _with_one_more(contest, base), table, noise, exact=exact)
+    wanted = _with_one_more(contest, base)
+    return settle(contest, wanted, table, noise, exact=exact or exactly(contest, wanted, table))
 
 
 def _with_one_more(contest: Contest, base: Effects) -> list[Effects]:
