@@ -84,17 +84,14 @@ def race_of_mistakes(
     if not changes:
         found = select(begin(contest, progress=progress), most, progress=progress)
         return Race((Alternative(None, found, 0.0, 0.0),), tried=False)
-    stated, screened, ahead = _screened(contest, changes, progress)
-    if stated:
-        if ahead and (answer := _without_what_is_stated(stated, ahead, most, progress)):
-            return answer
-        contest = dataclasses.replace(contest, linear_may_hold=stated.may_hold)
+    begun, stated, screened, ahead = _screened(contest, changes, progress)
     before = contest.budget.spent
     weights = [one for one in screened if one.change.of_weight]
-    begun = begin(contest, progress=progress)
-    ahead = _ahead_with_a_force(begun, weights, progress)
-    if stated and ahead and (answer := _without_what_is_stated(stated, ahead, most, progress, begun=begun)):
-        return answer
+    if stated:
+        found = _without_what_is_stated(begun, stated, ahead, most, progress)
+        heavy = [] if found else _ahead_with_a_force(begun, weights, progress)
+        if found := found or _without_what_is_stated(begun, stated, heavy, most, progress):
+            return found
     own, unfinished = _search_as_stated(begun, most, progress, beside=bool(weights))
     share = math.inf if _misses(own) else contest.budget.spent - before
     own = own if always else _with_its_ties(own, catalog, progress)
@@ -129,15 +126,21 @@ def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
 
 def _screened(
     contest: Contest, changes: list[Change], progress: Progress
-) -> tuple[Screened | None, list[Screened], list[Screened]]:
-    """What is stated, where the noise is known, and as in `of_what_fails` where linear effects do not hold with it."""
+) -> tuple[Begun, Screened | None, list[Screened], list[Screened]]:
+    """The search beside what is stated, begun; all linear effects beside that, where the noise is known; and as in
+    `of_what_fails` where neither they nor one effect by itself hold.
+    """
     if contest.measurement.sigma is None:
-        return None, [], []
+        return begin(contest, progress=progress), None, [], []
     stated = as_stated(contest)
-    if stated.holds:
-        return stated, [], []
+    begun = begin(dataclasses.replace(contest, linear_may_hold=stated.may_hold), progress=progress)
+    if stated.holds or begun.exact.leader is not None:
+        return begun, stated, [], []
     progress("whether something was written down wrongly")
-    return of_what_fails(stated, changes)
+    better, screened, ahead = of_what_fails(stated, changes)
+    if better.may_hold and not stated.may_hold:
+        begun = begin(dataclasses.replace(contest, linear_may_hold=True), progress=progress)
+    return begun, better, screened, ahead
 
 
 def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progress) -> list[Screened]:
@@ -225,13 +228,15 @@ class _Reach(NamedTuple):
 
 
 def _without_what_is_stated(
-    stated: Screened, ahead: list[Screened], most: int, progress: Progress, *, begun: Begun | None = None
+    begun: Begun, stated: Screened, ahead: list[Screened], most: int, progress: Progress
 ) -> Race | None:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
-    force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated. **Returns**
-    nothing where none does within half of the linearisations left.
+    force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated; ``ahead``: those
+    changes. **Returns** nothing where none does within half of the linearisations left.
     """
+    if not ahead:
+        return None
     budget = stated.change.contest.budget
     nearest, *further = ahead
     before = budget.spent
@@ -242,7 +247,6 @@ def _without_what_is_stated(
     took = budget.spent - before
     found, cut_off = _with_near(first, _near(first, stated, further, NO_NOISE), NO_NOISE, most, progress)
     with budget.share(took):
-        begun = begun or begin(stated.change.contest, progress=progress)
         own = _alternative(None, select(begun, most, progress=progress))
     return _ranked([*found, own], cut_off)
 

@@ -13,7 +13,7 @@ from rotorjax.inference.data import MOST_STARTS, Data, declared_starts
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
 from rotorjax.inference.evidence import log_evidence
 from rotorjax.inference.influence import CLEAR, influenced
-from rotorjax.inference.manner import CONVERGED, CUT_OFF, QUICK
+from rotorjax.inference.manner import CONVERGED, CUT_OFF, LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
 from rotorjax.inference.squares import squares_of
 
@@ -286,7 +286,8 @@ def settle(
     if exact.leader is not None:
         return Race(NO_NOISE, exact.contenders, exact.leader)
     noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    found = {**known, **race(contest, noise, wanted, known, also=exact.contenders)}
+    reached = {e: c for e, c in exact.contenders.items() if c.best.result != LEFT_BEHIND}
+    found = {**known, **race(contest, noise, wanted, known, also=reached)}
     for _ in range(MOST_ROUNDS):
         leader = _leader(contest, found, wanted)
         quiet, found[leader] = _settled(contest, found[leader], noise)

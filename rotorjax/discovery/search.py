@@ -45,7 +45,9 @@ class Telling:
         self._progress, self._limit, self._line, self._told = progress, limit, "", 0
 
     def stage(self, line: str) -> None:
-        """Begin a stage."""
+        """Begin a stage, if it is not under way."""
+        if line == self._line:
+            return
         self._line = line
         self._tell(self.budget.spent)
 
@@ -185,8 +187,7 @@ def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> S
     tried: set[Effects] = {NOTHING}
     seen: dict[Effects, Race] = {}
     while True:
-        if seen:
-            progress(_beside(present))
+        progress(_beside(present))
         race = seen[present | small] = forward(
             contest, present | small, table, noise, exact=None if seen else begun.exact
         )
