@@ -21,10 +21,9 @@ from rotorjax.discovery.mistakes import Race as MistakeRace
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
+from rotorjax.discovery.progress import Progress, Telling
 from rotorjax.discovery.search import (
-    Progress,
     Selection,
-    Telling,
     begin,
     change_by,
     noise_size,

@@ -15,10 +15,11 @@ import numpy as np
 
 from rotorjax.data.declarations import Mistake, log_odds, mistakes, promising
 from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import exactly, score, share_counted
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, dear, of_what_fails, screen
-from rotorjax.discovery.search import NOTHING, Begun, Progress, Selection, begin, select
+from rotorjax.discovery.search import NOTHING, Begun, Selection, begin, select, with_pair
 from rotorjax.discovery.ties import noise_left, settled
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 from rotorjax.model.contract import Effect, Family
@@ -87,11 +88,8 @@ def race_of_mistakes(
     begun, stated, screened, ahead = _screened(contest, changes, progress)
     before = contest.budget.spent
     weights = [one for one in screened if one.change.of_weight]
-    if stated:
-        found = _without_what_is_stated(begun, stated, ahead, most, progress)
-        heavy = [] if found else _ahead_with_a_force(begun, weights, progress)
-        if found := found or _without_what_is_stated(begun, stated, heavy, most, progress):
-            return found
+    if stated and (found := _without_what_is_stated(begun, stated, ahead, most, progress)):
+        return found
     own, unfinished = _search_as_stated(begun, most, progress, beside=bool(weights))
     share = math.inf if _misses(own) else contest.budget.spent - before
     own = own if always else _with_its_ties(own, catalog, progress)
@@ -128,13 +126,19 @@ def _screened(
     contest: Contest, changes: list[Change], progress: Progress
 ) -> tuple[Begun, Screened | None, list[Screened], list[Screened]]:
     """The search beside what is stated, begun; all linear effects beside that, where the noise is known; and as in
-    `of_what_fails` where neither they nor one effect by itself hold.
+    `of_what_fails` where neither they nor one effect by itself hold, nor a force with a linear effect; or changes of
+    the rotor's weight ahead.
     """
     if contest.measurement.sigma is None:
         return begin(contest, progress=progress), None, [], []
     stated = as_stated(contest)
     begun = begin(dataclasses.replace(contest, linear_may_hold=stated.may_hold), progress=progress)
-    if stated.holds or begun.exact.leader is not None:
+    if stated.holds or begun.holds:
+        return begun, stated, [], []
+    if ahead := _ahead_with_a_force(begun, [Screened(one, stated.end) for one in changes if one.of_weight], progress):
+        return begun, stated, [], ahead
+    begun = begun if stated.may_hold else with_pair(begun)
+    if begun.holds:
         return begun, stated, [], []
     progress("whether something was written down wrongly")
     better, screened, ahead = of_what_fails(stated, changes)
@@ -151,7 +155,7 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
     without end.
     """
     forces = [frozenset({name}) for name in begun.contest.candidates if name in begun.contest.timed]
-    if not weights or not forces or begun.exact.leader is not None:
+    if not weights or not forces:
         return []
     progress("whether the weight of the rotor was written down wrongly")
     ahead, held = list[tuple[float, Screened]](), False

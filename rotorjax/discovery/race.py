@@ -322,11 +322,17 @@ def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
     linear = contest.floor == NO_NOISE and contest.linear_may_hold
     possible = [effects for effects in wanted if linear or effects & contest.timed]
     contest = dataclasses.replace(contest, floor=NO_NOISE)
-    first = race(contest, NO_NOISE, possible, known, hopeless=contest.far_off)
-    if _holding(contest, first, possible) is None:
-        return Exact(first, None)
-    every = race(contest, NO_NOISE, wanted, {**known, **first})
+    first = exact_of(contest, possible, known)
+    if first.leader is None:
+        return first
+    every = race(contest, NO_NOISE, wanted, {**known, **first.contenders})
     return Exact(every, _holding(contest, every, wanted))
+
+
+def exact_of(contest: Contest, sets: list[Effects], known: Known) -> Exact:
+    """Sets under the noise of the table; one that cannot come to hold does not go on."""
+    found = race(contest, NO_NOISE, sets, known, hopeless=contest.far_off)
+    return Exact(found, _holding(contest, found, sets))
 
 
 def _holding(contest: Contest, found: Known, wanted: list[Effects]) -> Effects | None:

@@ -1,17 +1,19 @@
 """The search: forward selection among sets of effects, with swaps, pairs and backward pruning."""
 
+import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, with_floor
+from rotorjax.discovery.force_with_linear import holding_pair
+from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import WORTH_TRYING, Exact, Race, contender_of, exactly, log_likelihood, settle
-from rotorjax.inference.budget import Budget
-from rotorjax.inference.noise import Noise
+from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
 DETECTED = 0.05
@@ -31,33 +33,6 @@ WIDE = 0.1
 MOST_SMALL = 3
 """Effects that are detected without mattering, at most."""
 NOTHING: Effects = frozenset()
-
-RETOLD = 10_000
-"""Linearisations after which a stage that goes on is told again: some seconds."""
-Progress = Callable[[str], None]
-
-
-class Telling:
-    """Says what is being done, and how much of the limit is spent, at every stage and while it goes on."""
-
-    def __init__(self, progress: Progress, limit: int) -> None:
-        self.budget = Budget(limit, watch=self._grown)
-        self._progress, self._limit, self._line, self._told = progress, limit, "", 0
-
-    def stage(self, line: str) -> None:
-        """Begin a stage, if it is not under way."""
-        if line == self._line:
-            return
-        self._line = line
-        self._tell(self.budget.spent)
-
-    def _grown(self, spent: int) -> None:
-        if self._line and spent - self._told >= RETOLD:
-            self._tell(spent)
-
-    def _tell(self, spent: int) -> None:
-        self._told = spent
-        self._progress(f"{self._line} ({spent:,} of {self._limit:,} linearisations)")
 
 
 class Ranked(NamedTuple):
@@ -154,11 +129,18 @@ class Begun(NamedTuple):
     """A search before its first step: nothing is added, and every effect was tried under the noise of the table."""
 
     contest: Contest
-    """With the noise floor beside nothing added."""
+    """With the noise floor beside nothing added, or beside the ``pair``."""
     known: Known
     noise: Noise
-    """That the model as declared leaves."""
+    """That the model as declared leaves, or the ``pair``."""
     exact: Exact
+    pair: Effects = NOTHING
+    """A force that depends on motion and a linear effect that hold within that noise, where neither does."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether one effect or that pair holds within the noise of the table."""
+        return self.exact.leader is not None or bool(self.pair)
 
 
 def begin(contest: Contest, *, known: Known | None = None, progress: Progress = lambda _: None) -> Begun:
@@ -169,6 +151,22 @@ def begin(contest: Contest, *, known: Known | None = None, progress: Progress = 
     table.update(start.contenders)
     progress(_beside(NOTHING))
     return Begun(contest, table, start.noise, exactly(contest, _with_one_more(contest, NOTHING), table))
+
+
+def with_pair(begun: Begun) -> Begun:
+    """Begun with a force that depends on motion and a linear effect, if such a pair holds and both matter."""
+    contest = begun.contest
+    if contest.floor != NO_NOISE and not contest.forces_in_floor:
+        return begun
+    quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
+    exact = holding_pair(quiet, begun.known)
+    if exact.leader is None:
+        return begun
+    found = exact.contenders[exact.leader]
+    if not all(matters(quiet, found, name, NO_NOISE) for name in exact.leader):
+        return begun
+    known = {**begun.known, **exact.contenders}
+    return begun._replace(contest=with_floor(quiet, found), known=known, noise=NO_NOISE, pair=exact.leader)
 
 
 def _beside(present: Effects) -> str:
@@ -183,13 +181,13 @@ def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> S
     are not needed go. **Arguments:** ``most`` effects at most.
     """
     contest, table, noise = begun.contest, dict(begun.known), begun.noise
-    present, small = NOTHING, NOTHING
-    tried: set[Effects] = {NOTHING}
+    present, small = begun.pair, NOTHING
+    tried: set[Effects] = {NOTHING, present}
     seen: dict[Effects, Race] = {}
     while True:
         progress(_beside(present))
         race = seen[present | small] = forward(
-            contest, present | small, table, noise, exact=None if seen else begun.exact
+            contest, present | small, table, noise, exact=None if present | small else begun.exact
         )
         table.update(race.contenders)
         leader = showing(contest, race, present | small)
