@@ -151,6 +151,21 @@ def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
     assert found.noise == NO_NOISE
 
 
+def test_a_spring_beside_an_unknown_unbalance_is_found_under_the_noise_of_the_table():
+    """Neither holds by itself, and of five runs the spring leaves 20 times the noise beside influence coefficients."""
+    known = {"a": 6e-6 + 0j, "b": 30e-6 + 0j, "c": 25e-6 * np.exp(2.1j), "d": 20e-6 * np.exp(-1.5j)}
+    hidden = 15e-6 * np.exp(0.7j)
+    speeds = tuple(np.linspace(0.5, 1.6, 12) * hidden_forces.MACHINE.frequency)
+    plan = Plan({name: [weight + hidden] for name, weight in known.items()}, speeds, (1, 2, 3), sigma=0.5e-6)
+    model, measurement = hidden_forces.measured((in_time.duffing(1e10),), plan, np.random.default_rng(3), (0.0, 0.0))
+    installed = np.asarray(measurement.conditions.unbalance) - np.array([hidden.real, hidden.imag])
+    conditions = dataclasses.replace(measurement.conditions, unbalance=as_array(installed))
+    only = ("duffing", "clearance", "residual_unbalance", "stiffness_error", "probe_gain", "trial_weight_opposite")
+    found = explain(model, dataclasses.replace(measurement, conditions=conditions), only=only, limit=100_000)
+    assert (found.verdict, set(found.effects)) == ("explained", {"duffing", "residual_unbalance"})
+    assert found.noise == NO_NOISE
+
+
 def test_a_unit_is_named_where_the_noise_is_unknown():
     """Amplitudes in mil beside a turned phase reference. Of three runs not all numbers are independent; counted as if
     they were, every mistake was out of reach of a chain gain of 0.04.

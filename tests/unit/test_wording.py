@@ -10,7 +10,7 @@ from rotorjax.data.declarations import amplitude_changes
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.force_shapes import Reach
 from rotorjax.discovery.named_force import reached
-from rotorjax.discovery.search import RETOLD, Telling
+from rotorjax.discovery.progress import RETOLD, Telling
 from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
