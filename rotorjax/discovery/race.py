@@ -325,7 +325,9 @@ def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
     first = exact_of(contest, possible, known)
     if first.leader is None:
         return first
-    every = race(contest, NO_NOISE, wanted, {**known, **first.contenders})
+    # What was left behind as it cannot hold goes on: it is shown how far off it is.
+    begun = {e: c._replace(foreseen=c.best.result == LEFT_BEHIND) for e, c in first.contenders.items()}
+    every = race(contest, NO_NOISE, wanted, {**known, **begun})
     return Exact(every, _holding(contest, every, wanted))
 
 
