@@ -85,8 +85,8 @@ def race_of_mistakes(
     if not changes:
         found = select(begin(contest, progress=progress), most, progress=progress)
         return Race((Alternative(None, found, 0.0, 0.0),), tried=False)
-    begun, stated, screened, ahead = _screened(contest, changes, progress)
     before = contest.budget.spent
+    begun, stated, screened, ahead = _screened(contest, changes, most, progress)
     weights = [one for one in screened if one.change.of_weight]
     if stated and (found := _without_what_is_stated(begun, stated, ahead, most, progress)):
         return found
@@ -123,7 +123,7 @@ def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
 
 
 def _screened(
-    contest: Contest, changes: list[Change], progress: Progress
+    contest: Contest, changes: list[Change], most: int, progress: Progress
 ) -> tuple[Begun, Screened | None, list[Screened], list[Screened]]:
     """The search beside what is stated, begun; all linear effects beside that, where the noise is known; and as in
     `of_what_fails` where neither they nor one effect by itself hold, nor a force with a linear effect; or changes of
@@ -137,7 +137,7 @@ def _screened(
         return begun, stated, [], []
     if ahead := _ahead_with_a_force(begun, [Screened(one, stated.end) for one in changes if one.of_weight], progress):
         return begun, stated, [], ahead
-    begun = begun if stated.may_hold else with_pair(begun)
+    begun = begun if stated.may_hold or most < 2 else with_pair(begun)
     if begun.holds:
         return begun, stated, [], []
     progress("whether something was written down wrongly")
