@@ -19,7 +19,7 @@ from rotorjax.inference.descent import End
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.inference.space import Space, make_space
 from rotorjax.model.conditions import Layout
-from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect
+from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect, SweepEffect
 from rotorjax.model.model import Model
 
 FITS = 5.0
@@ -88,6 +88,29 @@ class Contest:
     def timed(self) -> Effects:
         """Effects whose force depends on motion, so that orders are balanced together."""
         return frozenset(self.space.effects_of(self.space.timed()))
+
+    @cached_property
+    def sweeping(self) -> Effects:
+        """Candidates by which the speed changes."""
+        changing = {e.name for e in self.space.model.effects if isinstance(e, SweepEffect)}
+        return frozenset(changing.intersection(self.candidates))
+
+    @property
+    def dear(self) -> Effects:
+        """Effects that cost many times as much as others: forces that depend on motion, and a sweep."""
+        return self.timed | self.sweeping
+
+    @property
+    def linear(self) -> Bool[np.ndarray, "param"]:
+        """Unknowns of all candidates but those, and what is declared uncertain."""
+        return self.free(frozenset(self.candidates) - self.dear)
+
+    @property
+    def tried_exactly(self) -> bool:
+        """Whether there is anything to be tried under the noise of the table alone: it is known, and no misfit is known
+        to be there that may not come from forces that depend on motion.
+        """
+        return self.measurement.sigma is not None and (self.floor == NO_NOISE or self.forces_in_floor)
 
     @cached_property
     def containing(self) -> dict[str, Effects]:

@@ -14,7 +14,6 @@ from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import NO_NOISE
-from rotorjax.model.contract import SweepEffect
 
 BEGUN = QUICK._replace(most_steps=8)
 """How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
@@ -33,8 +32,6 @@ def holding_pair(contest: Contest, known: Known) -> Exact:
 
 def _beside_all_linear(contest: Contest) -> dict[str, End]:
     """Of every force that may hold with all linear effects its best fit, begun."""
-    sweeps = {e.name for e in contest.space.model.effects if isinstance(e, SweepEffect)}
-    linear = contest.free(frozenset(contest.candidates) - contest.timed - sweeps)
     given, starts, owner = contest.space.given_unknowns(), [], []
     for name in (name for name in contest.candidates if name in contest.timed):
         own = contest.only_of([name])
@@ -47,7 +44,7 @@ def _beside_all_linear(contest: Contest) -> dict[str, End]:
         contest.space,
         contest.data(NO_NOISE, given),
         starts_at(np.stack(starts)),
-        np.stack([linear | contest.only_of([name]) for name in owner]),
+        np.stack([contest.linear | contest.only_of([name]) for name in owner]),
         np.broadcast_to(contest.training, (len(starts), len(contest.training))),
         budget=contest.budget,
         manner=BEGUN,

@@ -18,7 +18,7 @@ from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import exactly, score, share_counted
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, dear, of_what_fails, screen
+from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, of_what_fails, screen
 from rotorjax.discovery.search import NOTHING, Begun, Selection, begin, select, with_pair
 from rotorjax.discovery.ties import noise_left, settled
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
@@ -306,7 +306,7 @@ def _near(
     Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count for
     all changes, or only for those of the weight, which nothing else feels.
     """
-    contest, costly = own.selection.contest, dear(own.selection.contest)
+    contest, costly = own.selection.contest, own.selection.contest.dear
     answer = own.selection.known[own.selection.present]
     beside = answer.effects & costly
     if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:

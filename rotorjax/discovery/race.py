@@ -317,7 +317,7 @@ def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
     """Hypotheses under the noise of the table alone; where some misfit is known to be there those with forces that
     depend on motion, which that misfit may come from. If none of them holds some are missing.
     """
-    if contest.measurement.sigma is None or not (contest.floor == NO_NOISE or contest.forces_in_floor):
+    if not contest.tried_exactly:
         return Exact({}, None)
     linear = contest.floor == NO_NOISE and contest.linear_may_hold
     possible = [effects for effects in wanted if linear or effects & contest.timed]

@@ -9,7 +9,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from rotorjax.data.declarations import OF_WEIGHT, Mistake
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
@@ -19,7 +19,6 @@ from rotorjax.inference.descent import HOPELESS, End, descend, starts_at
 from rotorjax.inference.manner import CONVERGED, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
-from rotorjax.model.contract import SweepEffect
 
 HALVED = 0.5
 """Share of the misfit, or of the cost with all linear effects, that a change must leave at most to count where it does
@@ -106,7 +105,7 @@ def as_stated(contest: Contest, *, to_the_end: bool = False) -> Screened:
     change = Change(None, contest)
     enough = math.inf if to_the_end else contest.far_off
     stated = screen(change, NO_NOISE, hopeless=enough)
-    if not stated.holds and (sweeps := _sweeps(contest)):
+    if not stated.holds and (sweeps := contest.sweeping):
         also = screen(change, NO_NOISE, also=sweeps, hopeless=enough)
         stated = min(stated, also, key=lambda one: one.end.cost)
     return stated
@@ -127,10 +126,10 @@ def screen(
     ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest
-    start, free = contest.space.given_unknowns() if start is None else start, _linear(contest)
+    start, free = contest.space.given_unknowns() if start is None else start, contest.linear
     free = free | contest.only_of(also)
     if own is not None:
-        beside = contest.only_of(own.effects & dear(contest))
+        beside = contest.only_of(own.effects & contest.dear)
         start, free = np.where(beside, own.best.point, start), free | beside
     data, budget = contest.data(noise, start), contest.budget
     training, starts = contest.training[None], starts_at(start[None])
@@ -205,20 +204,3 @@ def _feels(change: Change, level: Screened) -> bool:
         return True
     shown = predict(contest.space, contest.measurement.conditions, level.end.point, budget=contest.budget).shown
     return not np.allclose(shown, level.end.shown, rtol=SAME, atol=0.0, equal_nan=True)
-
-
-def _linear(contest: Contest) -> Bool[np.ndarray, "param"]:
-    return contest.free(frozenset(contest.candidates) - dear(contest))
-
-
-def dear(contest: Contest) -> Effects:
-    """Effects that are fitted beside a change only where the answer has them: forces that depend on motion, and a
-    sweep.
-    """
-    return contest.timed | _sweeps(contest)
-
-
-def _sweeps(contest: Contest) -> set[str]:
-    """Those that may be missing by which the speed changes."""
-    changing = {e.name for e in contest.space.model.effects if isinstance(e, SweepEffect)}
-    return changing.intersection(contest.candidates)

@@ -155,8 +155,7 @@ def begin(contest: Contest, *, known: Known | None = None, progress: Progress = 
 
 def with_pair(begun: Begun) -> Begun:
     """Begun with a force that depends on motion and a linear effect, if such a pair holds and both matter."""
-    contest = begun.contest
-    if contest.floor != NO_NOISE and not contest.forces_in_floor:
+    if not begun.contest.tried_exactly:
         return begun
     quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
     exact = holding_pair(quiet, begun.known)
