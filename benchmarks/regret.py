@@ -230,6 +230,26 @@ def rub_with_friction() -> list[Problem]:
     return _sixty("rub", in_time.rub(stiffness, GAP, FRICTION, 1), {"rub": truth})
 
 
+def beside_an_unbalance() -> list[Problem]:
+    """A weak cubic spring, one twenty times as strong, and a rub, each beside an unbalance that nobody knows: five runs
+    at twelve speeds.
+    """
+    hidden, machine = 15e-6 * np.exp(0.7j), hidden_forces.MACHINE
+    known = {**WEIGHTS, "trial-d": 28e-6 * np.exp(0.8j)}
+    speeds = tuple(float(speed) for speed in np.linspace(0.5, 1.6, 12) * machine.frequency)
+    plan = Plan({run: [complex(weight) + hidden] for run, weight in known.items()}, speeds, (1, 2, 3), sigma=0.5e-6)
+    rub = in_time.rub(0.5 * float(np.mean(machine.stiffness)), 60e-6, 0.1, 1)
+    forces = {"duffing": (in_time.duffing(0.01 * CUBIC), in_time.duffing(0.2 * CUBIC)), "rub": (rub,)}
+    problems = []
+    for name, force in ((name, force) for name, several in forces.items() for force in several):
+        model, measured = hidden_forces.measured((force,), plan, np.random.default_rng(3), (0.0, 0.0))
+        installed = np.asarray(measured.conditions.unbalance) - np.array([hidden.real, hidden.imag])
+        conditions = dataclasses.replace(measured.conditions, unbalance=jax.numpy.asarray(installed))
+        told = dataclasses.replace(measured, conditions=conditions)
+        problems.append(Problem(f"{name} and unbalance", model, told, (name, "residual_unbalance"), Noise(), None))
+    return problems
+
+
 def _sixty(name: str, force: in_time.Force, truth: Truth) -> list[Problem]:
     """Four runs at fifteen speeds through resonance, a vertical rotor; explained as such, and with gravity stated."""
     speeds = tuple(float(speed) for speed in SPEEDS_RPM * np.pi / 30.0)

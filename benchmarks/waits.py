@@ -4,7 +4,8 @@ of compiled programs.
 Prints, and writes as a table, for each measurement: seconds of the whole process but for drawing the data,
 linearisations, peak memory, programs compiled or taken from the cache, and the verdict. The example and the RK4 vectors
 are explained by the command line; a strong cubic spring and a rub with friction (60 cases each, `benchmarks/regret.py`)
-from Python, with the right rig and with one that states a weight that is not there, so that nothing explains the data.
+from Python, with the right rig and with one that states a weight that is not there; then springs and a rub beside an
+unbalance that nobody knows.
 
     python benchmarks/waits.py --output benchmarks/results
 """
@@ -35,6 +36,9 @@ DRAWN = {
     "cubic spring, weight stated": ("strong_cubic", 1),
     "rub with friction, 60 cases": ("rub_with_friction", 0),
     "rub with friction, weight stated": ("rub_with_friction", 1),
+    "weak cubic spring and unbalance": ("beside_an_unbalance", 0),
+    "cubic spring and unbalance": ("beside_an_unbalance", 1),
+    "rub and unbalance": ("beside_an_unbalance", 2),
 }
 """Name -> function of `benchmarks/regret.py`, and which of its problems."""
 COLUMNS = ("measurement", "cache", "seconds", "linearisations", "GB", "programs", "verdict")
