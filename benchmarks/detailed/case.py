@@ -33,6 +33,9 @@ ALLOWED = (0.3, 1.8)
 """Speeds that the rig file permits, over the natural frequency; 0.5 to 1.5 are measured."""
 NEAR = 1.15
 """Factor within which an improvement is the one that was drawn."""
+RUNS = ("baseline", "trial-a", "trial-b", "trial-c", "trial-d", "trial-e")
+MORE_RUNS = 2478
+"""Seed from which on plans have three to six runs; before it three."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,7 +186,7 @@ def _drawn(seed: int, rng: np.random.Generator) -> Case:
     poorer = str(rng.choice(POORER)) if rng.random() < 0.3 else "none"
     names, other = _names(seed, kind, rng)
     weighed = any(name in WEIGHED for name in (*names, other)) or rng.random() < 0.4
-    bench = _bench(rng, names, other, poorer, weighed)
+    bench = _bench(rng, names, other, _runs(seed, poorer), poorer == "few speeds", weighed)
     healthy = bench.vectors(Plant(bench.rotor))
     scale = _scale(bench, healthy)
     once = np.abs(healthy[:, :, bench.plan.orders.index(1)])
@@ -226,12 +229,21 @@ def _names(seed: int, kind: str, rng: np.random.Generator) -> tuple[list[str], s
     return names, None
 
 
-def _bench(rng: np.random.Generator, names: list[str], other: str | None, poorer: str, weighed: bool) -> _Bench:
+def _runs(seed: int, poorer: str) -> int:
+    """How many; by a generator of its own, so that cases before ``MORE_RUNS`` stay as they were."""
+    fewer = {"one run": 1, "one trial weight": 2}.get(poorer)
+    if fewer is not None or seed < MORE_RUNS:
+        return fewer or 3
+    return int(np.random.default_rng([4711, seed, 1]).integers(3, len(RUNS) + 1))
+
+
+def _bench(
+    rng: np.random.Generator, names: list[str], other: str | None, runs: int, few_speeds: bool, weighed: bool
+) -> _Bench:
     """Rotor, plan, and the rig file that its healthy baseline gives."""
     rotor, mass, frequency = _rotor(rng, weighed)
     orders = _orders(rng, [*names, other or ""])
-    runs = {"one run": 1, "one trial weight": 2}.get(poorer, 3)
-    count = 5 if poorer == "few speeds" else int(rng.integers(8, 21))
+    count = 5 if few_speeds else int(rng.integers(8, 21))
     speeds = np.linspace(0.5, 1.5, count) + rng.uniform(-0.2, 0.2, count) / count
     usual = mass * np.exp(rng.uniform(np.log(1e-5), np.log(8e-5)))
     two_planes = "plane_participation" in names
@@ -239,7 +251,7 @@ def _bench(rng: np.random.Generator, names: list[str], other: str | None, poorer
     left = usual * rng.uniform(0.2, 0.6) if runs == 1 or rng.random() < 0.5 else 0.0
     weights: dict[str, tuple[tuple[complex, str], ...]] = {}
     baseline = complex(left * np.exp(2j * np.pi * rng.random()))
-    for k, run in enumerate(("baseline", "trial-a", "trial-b")[:runs]):
+    for k, run in enumerate(RUNS[:runs]):
         weight = complex(usual * rng.uniform(0.5, 1.0) * np.exp(2j * np.pi * rng.random()))
         plane = hide.SECOND_PLANE if two_planes and k == runs - 1 else "disk1"
         weights[run] = ((baseline, "disk1"), *(((weight, plane),) if k else ()))
