@@ -298,7 +298,8 @@ def _told(
     seen: dict[Effects, Race],
     later: frozenset[Effects] = frozenset(),
 ) -> Selection:
-    """The story of a set: its effects in the order in which each next one brings the most, with the race at every step.
+    """The story of a set: its effects in the order in which each next one brings the most, with the race at every step:
+    that of the search, or of the set's own effects alone where the search came by another way.
 
     What was too small to matter beside less, and matters now, is one of them, as long as there are no more than the
     ``most``.
@@ -314,11 +315,13 @@ def _told(
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
-        race = (
-            seen[base]
-            if base in seen
-            else forward(contest, base, table, _next_left(contest, base, present, table, noise))
-        )
+        if base in seen:
+            race = seen[base]
+        elif done:
+            race = forward(contest, base, table, noise)
+        else:
+            own = [base, *(base | {name} for name in sorted(present - base))]
+            race = settle(contest, own, table, _next_left(contest, base, present, table, noise))
         table.update({effects: c for effects, c in race.contenders.items() if base not in seen or effects not in later})
         races.append(race)
         if done:

@@ -15,7 +15,7 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import PRICE, Selection, retold
 from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
-from rotorjax.inference.descent import End
+from rotorjax.inference.descent import HOPELESS, End
 from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.noise import Noise
 from rotorjax.model.contract import Effect
@@ -242,7 +242,15 @@ def _fit_where_open(
     found.update({h: selection.known[h] for h in sets if h in selection.known})
     near = [h for h in sets if h in found and _near(found[h].log_evidence, winner)]
     again = anew(contest, noise, near, found, lambda there: there.log_evidence > winner.log_evidence - NEAR - CLEAR)
-    found.update(race(contest, noise, [*again, *(h for h in sets if h not in found)], {**selection.known, **found}))
+    found.update(
+        race(
+            contest,
+            noise,
+            [*again, *(h for h in sets if h not in found)],
+            {**selection.known, **found},
+            hopeless=winner.best.cost + HOPELESS,
+        )
+    )
 
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:

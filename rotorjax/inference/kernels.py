@@ -149,12 +149,19 @@ class Kernels:
         shown, slopes = self._linear(*rows.steady)
         return self._with_sweep(rows, shown, slopes[:, rows.wanted])
 
-    def balanced(self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"]) -> Equations:
-        """Orders that depend on one another, along a motion that need not be one."""
+    def balanced(
+        self, rows: Rows, motion: Float[np.ndarray, "row dof coefficient"], *, swept: bool = True
+    ) -> Equations:
+        """Orders that depend on one another, along a motion that need not be one. **Arguments:** ``swept``: whether
+        what a sweep adds is in what is shown; it is not in the balance.
+        """
         parts = iter(self._balanced(*self._filled(rows).steady, motion))
         size, wanted = motion[0].size, rows.wanted
-        shown, shown_slopes = self._with_sweep(
-            rows, next(parts)[..., self._read], next(parts)[:, wanted][..., self._read]
+        vectors, by_unknowns = next(parts)[..., self._read], next(parts)[:, wanted][..., self._read]
+        shown, shown_slopes = (
+            self._with_sweep(rows, vectors, by_unknowns)
+            if swept
+            else Reading(_cells(vectors), _cells_by_column(by_unknowns))
         )
         shown_by_motion = next(parts)[:, :, self._read]
         lacking = as_coefficients(np.stack([next(parts), next(parts)], axis=-2))

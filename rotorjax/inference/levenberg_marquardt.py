@@ -23,6 +23,8 @@ STAYS = 0.5
 """Share of the cost that a step must promise to leave at least, where motions have freedom left, for nothing to be
 hoped for.
 """
+UNBALANCED = 6
+"""Steps without freedom of the motions in which they balance, as a rule."""
 
 
 @dataclasses.dataclass
@@ -69,10 +71,11 @@ class Descent:
 
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
-        much, as a rule. Where motions have freedom left, and it does not promise to halve the cost: from a minimum on
-        that only rises as the freedom ends.
+        much, as a rule. Where motions have freedom left, or did not come to balance in several steps without, and it
+        does not promise to halve the cost: from a minimum on that only rises as the freedom ends.
         """
-        stays = self.freedom > 0.0 and self.steps > 1 and self.foreseen > STAYS * self.cost
+        unsettled = (self.freedom > 0.0 and self.steps > 1) or self.since > UNBALANCED
+        stays = unsettled and self.foreseen > STAYS * self.cost
         return (self.under_way or stays) and self.foreseen > cost
 
     def give_up(self, result: int = MAX_STEPS) -> None:

@@ -299,7 +299,7 @@ class Linearisation:
         """The balance of single states, without slopes by the unknowns."""
         count = self.kernels.coefficients
         rows = self._rows_of(unknowns, np.full((len(states), COLUMNS), -1), states)
-        equations = self.kernels.balanced(rows, motions[..., :count])
+        equations = self.kernels.balanced(rows, motions[..., :count], swept=False)
         force, followed = (equations.force, motions) if not refined else self.kernels.refined(rows, motions)
         self.budget.spend(len(states))
         step = -_solved(equations.force_by_motion, force[..., None])

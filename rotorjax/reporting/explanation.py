@@ -212,10 +212,15 @@ def ranking_tables(found: Explanation) -> list[Table]:
         ]
         beside = f"beside {said(there)}" if there else "in the model as declared"
         rows = [[r.effect, percent(r.probability), number(found.chi2(r))] for r in _shown(ranked)]
-        note = "" if step < len(found.effects) else _why_stopped(found, ranked)
+        note = _of_answer_alone(found, ranked) if step < len(found.effects) else _why_stopped(found, ranked)
         headers = ["effect", "probability", CHI2]
         tables.append(Table(f"What is missing {beside}", headers, rows, note, spare=[CHI2]))
     return tables
+
+
+def _of_answer_alone(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
+    others = {r.effect for r in ranked} - {"none", *found.effects}
+    return "" if others else "The effects of the answer were found together: others were not fitted at this step."
 
 
 def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
