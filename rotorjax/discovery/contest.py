@@ -82,7 +82,7 @@ class Contest:
     linear_may_hold: bool = True
     """Whether effects that do not depend on motion may hold within the table's noise: not if all at once do not."""
     forces_in_floor: bool = False
-    """Whether a misfit in the floor may come from forces that depend on motion: it was told without any."""
+    """Whether the floor may come from forces that depend on motion: it was told without any."""
 
     @cached_property
     def timed(self) -> Effects:
@@ -271,9 +271,11 @@ def make_contest(
 
 def with_floor(contest: Contest, contender: Contender) -> Contest:
     """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the
-    rest.
+    rest. None beside a force that depends on motion: what any effect does there need not be linear in what is
+    installed, so that a scatter could hide it.
     """
+    if not contest.space.is_linear_at(contender.best.point):
+        return dataclasses.replace(contest, floor=NO_NOISE, forces_in_floor=False)
     left = contest.left(contender.best, contest.data(contender.noise, contender.best.point))
     floor = run_floor(contest.kept_measurement(), contest.model_at(contender), -left)
-    hidden = floor.allowance > 0.0 and not contender.effects & contest.timed
-    return dataclasses.replace(contest, floor=floor, forces_in_floor=hidden)
+    return dataclasses.replace(contest, floor=floor, forces_in_floor=floor != NO_NOISE)

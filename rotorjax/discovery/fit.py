@@ -88,9 +88,13 @@ class Fit(Shown):
 
     @cached_property
     def run_scatter(self) -> RunScatter:
-        """Random unbalance and bow per run that would account for what is left."""
+        """Random unbalance and bow per run that would account for what is left; none beside forces that depend on
+        motion, which leave what looks like it.
+        """
         if self.scatter is not None:
             return self.scatter
+        if not self.stage.space.is_linear_at(self.end.point):
+            return NO_SCATTER
         fitted = self.stage.space.model_at(self.end.point)
         return run_floor(self.stage.measurement, fitted, -self.residual).scatter
 
@@ -138,15 +142,17 @@ class Trial(NamedTuple):
     """Whether its values are near enough to begin with them alone."""
 
 
-def fit_trials(trials: Sequence[Trial], measurement: Measurement, budget: Budget) -> list[Fit]:
+def fit_trials(
+    trials: Sequence[Trial], measurement: Measurement, budget: Budget, ahead: Ahead | None = None
+) -> list[Fit]:
     """Fit models that may have different effects, compiled once, under one ``budget``.
 
-    One that does worse by far than another is left at that.
+    One that does worse by far than another, or than what is ``ahead`` of all, is left at that.
     **Returns** one `Fit` each, without held-out error. Errors as for `fit`.
     """
     effects = {e.name: e for trial in trials for e in trial.model.effects}
     everything = trials[0].model.plus([e for name, e in effects.items() if name not in trials[0].model])
-    fits, ahead = [], Ahead()
+    fits, ahead = [], ahead or Ahead()
     for model, names, near in trials:
         stage = _stage(model, everything, measurement, names, frozenset())._replace(budget=budget)
         start = starts_at(np.where(stage.free, stage.space.given_unknowns(), 0.0)[None]) if near else None

@@ -18,8 +18,8 @@ from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import exactly, score, share_counted
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, of_what_fails, screen
-from rotorjax.discovery.search import NOTHING, Begun, Selection, begin, select, with_pair
+from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, beside_answer, of_what_fails, screen
+from rotorjax.discovery.search import NOTHING, Begun, Selection, begin, select, with_set
 from rotorjax.discovery.ties import noise_left, settled
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 from rotorjax.model.contract import Effect, Family
@@ -126,7 +126,7 @@ def _screened(
     contest: Contest, changes: list[Change], most: int, progress: Progress
 ) -> tuple[Begun, Screened | None, list[Screened], list[Screened]]:
     """The search beside what is stated, begun; all linear effects beside that, where the noise is known; and as in
-    `of_what_fails` where neither they nor one effect by itself hold, nor a force with a linear effect; or changes of
+    `of_what_fails` where neither they nor one effect by itself hold, nor a force with linear effects; or changes of
     the rotor's weight ahead.
     """
     if contest.measurement.sigma is None:
@@ -137,7 +137,7 @@ def _screened(
         return begun, stated, [], []
     if ahead := _ahead_with_a_force(begun, [Screened(one, stated.end) for one in changes if one.of_weight], progress):
         return begun, stated, [], ahead
-    begun = begun if stated.may_hold or most < 2 else with_pair(begun)
+    begun = begun if stated.may_hold else with_set(begun, most)
     if begun.holds:
         return begun, stated, [], []
     progress("whether something was written down wrongly")
@@ -245,8 +245,8 @@ def _without_what_is_stated(
     nearest, *further = ahead
     before = budget.spent
     with budget.share(budget.left / 2):
-        first = _searched(nearest.change, most, progress)
-    if first.misfit > 0.0:
+        first = _searched(nearest, most, progress)
+    if first is None or first.misfit > 0.0:
         return None
     took = budget.spent - before
     found, cut_off = _with_near(first, _near(first, stated, further, NO_NOISE), NO_NOISE, most, progress)
@@ -275,9 +275,11 @@ def _with_near(
             break
         before = budget.spent
         with budget.share(share):
-            other = _searched(one.change, most, progress)
+            other = _searched(one, most, progress, holds=holds)
             if budget.exhausted and one.change.mistake is not None:
                 cut_off.append(one.change.mistake)
+        if other is None:
+            continue
         # Of an unknown noise each alternative has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
             if other.score > max(answer.score for answer in found):
@@ -292,10 +294,19 @@ def _ranked(found: list[Alternative], cut_off: tuple[Mistake, ...]) -> Race:
     return Race(ranked, cut_off=tuple(mistake for mistake in cut_off if mistake != ranked[0].mistake))
 
 
-def _searched(change: Change, most: int, progress: Progress) -> Alternative:
+def _searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Alternative | None:
+    """A change, begun with what holds of all linear effects beside it, if they do. **Arguments:** ``holds``: whether an
+    answer holds; **returns** nothing where no set beside forces that depend on motion does then.
+    """
+    change = one.change
     assert change.mistake is not None
     progress(f"whether {change.mistake.meaning}")
-    return _alternative(change.mistake, select(begin(change.contest, known=change.known), most), change.log_odds)
+    begun = begin(change.contest, known=change.known)
+    if one.may_hold:
+        begun = with_set(begun, most, {one.beside: one.end})
+        if holds and one.beside and begun.contest.tried_exactly and not begun.holds:
+            return None
+    return _alternative(change.mistake, select(begun, most), change.log_odds)
 
 
 def _near(
@@ -319,8 +330,7 @@ def _near(
     near = [one for one in screened if one not in with_forces and reach.holds(one) and one.differs(stated)]
     found = [one.without(costly) for one in near]
     if with_forces:
-        level = screen(stated.change, noise, answer, hopeless=reach.hopeless)
-        fitted = [screen(one.change, noise, answer, hopeless=reach.hopeless) for one in with_forces]
+        level, fitted = beside_answer(stated, with_forces, answer, noise, reach.hopeless)
         near = [one for one in fitted if reach.holds(one) and one.differs(level)]
         found += [one.without(costly - beside) for one in near]
     return sorted(found, key=lambda one: one.cost)

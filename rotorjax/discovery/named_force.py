@@ -11,6 +11,7 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
 from rotorjax.discovery.force_shapes import Reach, with_gap
 from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
+from rotorjax.discovery.inferred_noise import Ahead
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
@@ -97,7 +98,8 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
     alone = len(effects) == 1
     if declared.stage.measurement.sigma is None or (alone and not doubtful and not _likely(answer, effects, {}, 1)[1]):
         return None
-    found = _named(declared, (), {}, most=max(1, len(effects) - 1))
+    ahead = Ahead(first_cost=answer.end.cost, holds=True) if answer.misfit == 0.0 else Ahead()
+    found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead)
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
     return found if found.enough and found.fit is not None and _score(found.fit) < better else None
 
@@ -115,13 +117,17 @@ def _left(fitted: Fit, counted: int) -> float:
 
 
 def _named(
-    found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int | None = None
+    found: Fit,
+    beside: tuple[str, ...],
+    catalog: Mapping[str, type[Effect]],
+    most: int | None = None,
+    ahead: Ahead | None = None,
 ) -> NamedForce:
     """The likeliest answer of the regression in the response, where the motion need not be known at orders that were
     not measured.
 
     **Arguments:** ``most`` terms: where the regression wants more, only those that are most of the force by themselves
-    are tried.
+    are tried; ``ahead``: what they have to reach.
     """
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
     force, likely = _likely(found, beside, catalog, FITTED)
@@ -130,7 +136,7 @@ def _named(
     if not likely:
         return NamedForce(force, (), beside, None)
     tried = [_trial(model, terms, beside, every) for terms in likely]
-    fits = fit_trials(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget)
+    fits = fit_trials(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget, ahead)
     scores = {
         k: _score(fitted)
         for k, fitted in enumerate(fits)

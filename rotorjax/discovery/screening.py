@@ -16,7 +16,7 @@ from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
 from rotorjax.inference.descent import HOPELESS, End, descend, starts_at
-from rotorjax.inference.manner import CONVERGED, QUICK, Manner
+from rotorjax.inference.manner import CONVERGED, MAX_STEPS, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
@@ -27,6 +27,8 @@ depend on motion; mistakes left 0.03 to 0.07.
 """
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
+BESIDE_FORCES = QUICK._replace(most_steps=8)
+"""The same beside forces that depend on motion."""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
 
@@ -63,6 +65,13 @@ class Screened(NamedTuple):
 
     change: Change
     end: End
+
+    @property
+    def beside(self) -> Effects:
+        """What else is in the fit: forces that depend on motion, and a sweep."""
+        contest = self.change.contest
+        free = np.isin(np.arange(len(self.end.point)), self.end.free)
+        return frozenset(contest.space.effects_of(free)) & contest.dear
 
     def without(self, effects: Effects) -> "Screened":
         """The same with none of these effects beside the change when that is searched."""
@@ -126,8 +135,7 @@ def screen(
     ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest
-    start, free = contest.space.given_unknowns() if start is None else start, contest.linear
-    free = free | contest.only_of(also)
+    start, free = contest.space.given_unknowns() if start is None else start, contest.linear | contest.only_of(also)
     if own is not None:
         beside = contest.only_of(own.effects & contest.dear)
         start, free = np.where(beside, own.best.point, start), free | beside
@@ -135,6 +143,20 @@ def screen(
     training, starts = contest.training[None], starts_at(start[None])
     (end,) = descend(contest.space, data, starts, free, training, budget=budget, manner=manner, hopeless=hopeless)
     return Screened(change, end)
+
+
+def beside_answer(
+    stated: Screened, changes: Collection[Screened], own: Contender, noise: Noise, hopeless: float
+) -> tuple[Screened, list[Screened]]:
+    """All linear effects with the costly ones of an answer, beside what is stated and beside changes: all are begun,
+    and those go on that are not far off the cost with which they are ``hopeless``.
+    """
+    level, fitted = screen(stated.change, noise, own, hopeless=hopeless), list[Screened]()
+    for one in changes:
+        begun = screen(one.change, noise, own, start=level.end.point, manner=BESIDE_FORCES, hopeless=hopeless)
+        going_on = begun.end.result == MAX_STEPS and begun.end.cost < hopeless + HOPELESS
+        fitted.append(screen(one.change, noise, own, start=begun.end.point, hopeless=hopeless) if going_on else begun)
+    return level, fitted
 
 
 def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, list[Screened], list[Screened]]:

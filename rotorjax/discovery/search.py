@@ -3,16 +3,17 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, with_floor
-from rotorjax.discovery.force_with_linear import holding_pair
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import WORTH_TRYING, Exact, Race, contender_of, exactly, log_likelihood, settle
+from rotorjax.discovery.sets_that_hold import beside_all_linear, holding_set
+from rotorjax.inference.descent import End
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
@@ -129,18 +130,18 @@ class Begun(NamedTuple):
     """A search before its first step: nothing is added, and every effect was tried under the noise of the table."""
 
     contest: Contest
-    """With the noise floor beside nothing added, or beside the ``pair``."""
+    """With the noise floor beside nothing added, or beside the ``found``."""
     known: Known
     noise: Noise
-    """That the model as declared leaves, or the ``pair``."""
+    """That the model as declared leaves, or the ``found``."""
     exact: Exact
-    pair: Effects = NOTHING
-    """A force that depends on motion and a linear effect that hold within that noise, where neither does."""
+    found: Effects = NOTHING
+    """Effects that hold within that noise together, where no single one does."""
 
     @property
     def holds(self) -> bool:
-        """Whether one effect or that pair holds within the noise of the table."""
-        return self.exact.leader is not None or bool(self.pair)
+        """Whether one effect or that set holds within the noise of the table."""
+        return self.exact.leader is not None or bool(self.found)
 
 
 def begin(contest: Contest, *, known: Known | None = None, progress: Progress = lambda _: None) -> Begun:
@@ -153,19 +154,22 @@ def begin(contest: Contest, *, known: Known | None = None, progress: Progress = 
     return Begun(contest, table, start.noise, exactly(contest, _with_one_more(contest, NOTHING), table))
 
 
-def with_pair(begun: Begun) -> Begun:
-    """Begun with a force that depends on motion and a linear effect, if such a pair holds and both matter."""
-    if not begun.contest.tried_exactly:
+def with_set(begun: Begun, most: int, fits: Mapping[Effects, End] | None = None) -> Begun:
+    """Begun with a set of effects that holds, ``most`` together, if there is one and all of it matter. **Arguments:**
+    ``fits`` of all linear effects at once from which it is read, as for `holding_set`; by default one beside every
+    force that depends on motion.
+    """
+    if begun.holds or not begun.contest.tried_exactly:
         return begun
     quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
-    exact = holding_pair(quiet, begun.known)
+    exact = holding_set(quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, most)
     if exact.leader is None:
         return begun
-    found = exact.contenders[exact.leader]
-    if not all(matters(quiet, found, name, NO_NOISE) for name in exact.leader):
+    best = exact.contenders[exact.leader]
+    if not all(matters(quiet, best, name, NO_NOISE) for name in exact.leader):
         return begun
     known = {**begun.known, **exact.contenders}
-    return begun._replace(contest=with_floor(quiet, found), known=known, noise=NO_NOISE, pair=exact.leader)
+    return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=exact.leader)
 
 
 def _beside(present: Effects) -> str:
@@ -180,7 +184,7 @@ def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> S
     are not needed go. **Arguments:** ``most`` effects at most.
     """
     contest, table, noise = begun.contest, dict(begun.known), begun.noise
-    present, small = begun.pair, NOTHING
+    present, small = begun.found, NOTHING
     tried: set[Effects] = {NOTHING, present}
     seen: dict[Effects, Race] = {}
     while True:

@@ -142,6 +142,12 @@ class Space(eqx.Module):
         """Unknowns of effects that make the orders depend on one another."""
         return self._of_kind(RestoringEffect | WaveformEffect)
 
+    def is_linear_at(self, point: Float[np.ndarray, "param"]) -> bool:
+        """Whether no such effect is there: what is shown is then linear in what is installed."""
+        there = np.asarray(point) != 0.0
+        there[np.asarray(self.unknown)[np.asarray(self.centre) != 0.0]] = True
+        return not np.any(self.timed() & there)
+
     def sweeping(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects by which the speed changes."""
         return self._of_kind(SweepEffect)

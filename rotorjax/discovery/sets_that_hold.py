@@ -1,0 +1,105 @@
+"""Small sets of effects that hold within the noise of the table, read from a fit of all linear effects at once.
+
+A force that depends on motion with an unknown unbalance beside it, say, as in most measurements: neither holds by
+itself, and under a misfit wide enough for one of them many others do as well. So each force is fitted with all linear
+effects at once, under the noise of the table: no set of those can do better beside it. Where that holds, the curvature
+of the cost says to second order what every set of them would leave, and the best of each size are fitted.
+"""
+
+import itertools
+import math
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from rotorjax.discovery.contest import Contender, Contest, Effects, Known
+from rotorjax.discovery.race import Exact, exact_of
+from rotorjax.inference.data import declared_starts
+from rotorjax.inference.descent import End, descend, starts_at
+from rotorjax.inference.manner import LEFT_BEHIND, QUICK
+from rotorjax.inference.noise import NO_NOISE
+
+BEGUN = QUICK._replace(most_steps=8)
+"""How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
+MOST_TRIED = 8
+"""Best sets of one size that are fitted."""
+
+
+def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, most: int) -> Exact:
+    """Sets of two effects and more, at ``most`` so many, under the noise of the table: the smallest that hold.
+
+    **Arguments:** ``fits`` of all linear effects at once, each beside other effects, which all its sets have.
+    """
+    begun, exact = {beside: _Saturated.of(contest, end) for beside, end in fits.items()}, Exact({}, None)
+    linear = [name for name in contest.candidates if name not in contest.dear]
+    for size in range(2, most + 1):
+        sets = [
+            (beside | set(names), begun[beside].without_others(names))
+            for beside in begun
+            if len(beside) <= size
+            for names in itertools.combinations(linear, size - len(beside))
+        ]
+        best = sorted(sets, key=lambda one: one[1].cost)[:MOST_TRIED]
+        near = {effects: Contender(effects, (end,), -math.inf, NO_NOISE) for effects, end in best}
+        exact = exact_of(contest, list(near), {**near, **known})
+        if exact.leader is not None:
+            break
+    return exact
+
+
+class _Saturated(NamedTuple):
+    """A fit of all linear effects, beside others."""
+
+    end: End
+    places: dict[str, Int[np.ndarray, "_"]]
+    """Of every linear effect its unknowns among the free ones."""
+    covariance: Float[np.ndarray, "free free"]
+
+    @classmethod
+    def of(cls, contest: Contest, end: End) -> "_Saturated":
+        """By the curvature of the cost there."""
+        linear = [name for name in contest.candidates if name not in contest.dear]
+        places = {name: np.flatnonzero(contest.only_of([name])[end.free]) for name in linear}
+        return cls(end, places, np.linalg.inv(end.curvature))
+
+    def without_others(self, kept: Collection[str]) -> End:
+        """The minimum with only some of the linear effects, to second order: u - C_R (C_RR)⁻¹ u_R, R those that are
+        gone, and its cost, higher by ½ u_R (C_RR)⁻¹ u_R.
+        """
+        gone = np.concatenate([own for name, own in self.places.items() if name not in kept])
+        values, point = self.end.point[self.end.free], self.end.point.copy()
+        pull = np.linalg.solve(self.covariance[np.ix_(gone, gone)], values[gone])
+        point[self.end.free] = values - self.covariance[:, gone] @ pull
+        point[self.end.free[gone]] = 0.0
+        return self.end._replace(point=point, cost=self.end.cost + 0.5 * float(values[gone] @ pull), exact=False)
+
+
+def beside_all_linear(contest: Contest) -> dict[Effects, End]:
+    """Every force that depends on motion and may hold with all linear effects under the noise of the table, its best
+    fit begun.
+    """
+    given, starts, owner = contest.space.given_unknowns(), [], []
+    for name in (name for name in contest.candidates if name in contest.timed):
+        own = contest.only_of([name])
+        for start in declared_starts(contest.space, own, contest.measurement.reach):
+            starts.append(np.where(own & (start != 0.0), start, given))
+            owner.append(frozenset({name}))
+    if not starts:
+        return {}
+    ends = descend(
+        contest.space,
+        contest.data(NO_NOISE, given),
+        starts_at(np.stack(starts)),
+        np.stack([contest.linear | contest.only_of(force) for force in owner]),
+        np.broadcast_to(contest.training, (len(starts), len(contest.training))),
+        budget=contest.budget,
+        manner=BEGUN,
+        hopeless=contest.far_off,
+    )
+    found: dict[Effects, End] = {}
+    for force, end in zip(owner, ends, strict=True):
+        if end.result != LEFT_BEHIND and end.cost < (found[force].cost if force in found else contest.far_off):
+            found[force] = end
+    return found
