@@ -348,6 +348,8 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
 def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
     contest, known = selection.contest, {**selection.known, **found}
+    if present & contest.timed:
+        contest = with_floor(contest, known[present])
     new = present - set(selection.effects) - set(selection.small)
     slight = (name for name in new if not matters(contest, known[present], name, known[present].noise))
     small = frozenset(selection.small) & present | frozenset(slight)
