@@ -159,7 +159,7 @@ def with_set(begun: Begun, most: int, fits: Mapping[Effects, End] | None = None)
     ``fits`` of all linear effects at once from which it is read, as for `holding_set`; by default one beside every
     force that depends on motion.
     """
-    if begun.holds or not begun.contest.tried_exactly:
+    if most < 2 or begun.holds or not begun.contest.tried_exactly:
         return begun
     quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
     exact = holding_set(quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, most)

@@ -33,13 +33,12 @@ def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, mos
     **Arguments:** ``fits`` of all linear effects at once, each beside other effects, which all its sets have.
     """
     begun, exact = {beside: _Saturated.of(contest, end) for beside, end in fits.items()}, Exact({}, None)
-    linear = [name for name in contest.candidates if name not in contest.dear]
     for size in range(2, most + 1):
         sets = [
-            (beside | set(names), begun[beside].without_others(names))
-            for beside in begun
+            (beside | set(names), whole.without_others(names))
+            for beside, whole in begun.items()
             if len(beside) <= size
-            for names in itertools.combinations(linear, size - len(beside))
+            for names in itertools.combinations(whole.places, size - len(beside))
         ]
         best = sorted(sets, key=lambda one: one[1].cost)[:MOST_TRIED]
         near = {effects: Contender(effects, (end,), -math.inf, NO_NOISE) for effects, end in best}
@@ -68,7 +67,7 @@ class _Saturated(NamedTuple):
         """The minimum with only some of the linear effects, to second order: u - C_R (C_RR)⁻¹ u_R, R those that are
         gone, and its cost, higher by ½ u_R (C_RR)⁻¹ u_R.
         """
-        gone = np.concatenate([own for name, own in self.places.items() if name not in kept])
+        gone = np.concatenate([np.zeros(0, int), *(own for name, own in self.places.items() if name not in kept)])
         values, point = self.end.point[self.end.free], self.end.point.copy()
         pull = np.linalg.solve(self.covariance[np.ix_(gone, gone)], values[gone])
         point[self.end.free] = values - self.covariance[:, gone] @ pull

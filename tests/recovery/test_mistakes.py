@@ -192,6 +192,12 @@ def test_three_effects_are_read_from_one_fit_of_all_linear_ones():
     assert contest.budget.spent < 100_000
 
 
+def test_a_set_of_all_that_may_be_missing_is_read_too():
+    model, measurement = _beside_an_unknown_unbalance(1e10)
+    contest = make_contest(model, measurement, ("duffing", "residual_unbalance"))
+    assert with_set(begin(contest), 3).found == {"duffing", "residual_unbalance"}
+
+
 def test_a_unit_is_named_where_the_noise_is_unknown():
     """Amplitudes in mil beside a turned phase reference. Of three runs not all numbers are independent; counted as if
     they were, every mistake was out of reach of a chain gain of 0.04.
