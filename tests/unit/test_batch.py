@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import random
+import re
 import signal
 import sqlite3
 import subprocess
@@ -206,9 +207,11 @@ def _command(process: int) -> bytes:
 
 
 def _told(line: str) -> list[int]:
-    """Cases that a line of progress says are finished; none of a line that is something else, or was cut."""
-    words = line.split()
-    return [int(words[2]) + int(words[3])] if len(words) == 4 else []
+    """Cases that a line of progress says are finished; none of a line that is something else (the traceback of a worker
+    whose parent was killed while it started), or was cut.
+    """
+    counts = re.fullmatch(r" *\d+ s  (\d+) (\d+)\s*", line)
+    return [sum(map(int, counts.groups()))] if counts else []
 
 
 def _children(parent: int) -> list[int]:
