@@ -4,6 +4,7 @@ import ctypes
 import functools
 import os
 import sys
+import threading
 from pathlib import Path
 
 MOST_MAPS = 30_000
@@ -15,11 +16,17 @@ OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu
 """Options of the compiler: older fusion, with which large programs take some two thirds of the time and run as fast;
 and none of the library for products, which takes a fifth of the balanced kernel's time for what are small sums.
 """
+_ASKING = threading.Lock()
+
+
+def compiler_options() -> dict[str, bool | str]:
+    """Those options that the installed compiler knows: asked once, whatever is compiled side by side."""
+    with _ASKING:
+        return _known_options()
 
 
 @functools.cache
-def compiler_options() -> dict[str, bool | str]:
-    """Those options that the installed compiler knows."""
+def _known_options() -> dict[str, bool | str]:
     import jax  # noqa: PLC0415  what needs no JAX starts without it
 
     def known(name: str) -> bool:

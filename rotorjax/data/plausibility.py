@@ -107,7 +107,7 @@ def _doubtful_installation(document: Document, model: Model, m: Measurement, run
     noise = 0.0 if m.sigma is None else float(np.median(m.sigma[m.present]))
     for key, force, size in (
         ("unbalance", unbalance * speed**2, (unbalance[0] / GRAM_MILLIMETRE, "g mm")),
-        ("bow", bow * float(np.mean(model.rotor.stiffness)), (bow[0] / MILLIMETRE, "mm")),
+        ("bow", bow * float(np.mean(np.asarray(model.rotor.stiffness))), (bow[0] / MILLIMETRE, "mm")),
     ):
         predicted, seen = _amplitude(model.rotor, speed, force), measured > 0.0
         times = float(np.median(predicted[seen] / measured[seen])) if seen.any() else 0.0

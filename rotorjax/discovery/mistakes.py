@@ -197,13 +197,17 @@ def _misses(own: Alternative) -> bool:
 
 
 def _like_a_mistake(own: Alternative) -> bool:
-    """Whether an effect of the measuring chain is in an answer or, where nothing else is installed in any other run, an
-    excitation: what they do, a mistake may do as well.
+    """Whether an effect of the measuring chain is in an answer, one of what is installed in a plane or, where nothing
+    else is installed in any other run, an excitation: what they do, a mistake may do as well.
     """
     contest = own.selection.contest
     installed = np.asarray(contest.measurement.conditions.unbalance)
     families = {"reading", "excitation"} if np.all(installed == installed[:1]) else {"reading"}
-    return any(e.name in own.selection.present and e.family in families for e in contest.space.model.effects)
+    return any(
+        e.family in families or any("plane" in p.axes for p in e.parameters())
+        for e in contest.space.model.effects
+        if e.name in own.selection.present
+    )
 
 
 class _Reach(NamedTuple):

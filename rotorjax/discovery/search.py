@@ -319,14 +319,17 @@ def _told(
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
-        if base in seen:
+        own = [base, *(base | {name} for name in sorted(present - base))]
+        wanted = _with_one_more(contest, base) if done else own
+        # A step of another answer has the effects of that alone.
+        shown = base in seen and seen[base].contenders.keys() >= set(wanted)
+        if shown:
             race = seen[base]
         elif done:
             race = forward(contest, base, table, noise)
         else:
-            own = [base, *(base | {name} for name in sorted(present - base))]
             race = settle(contest, own, table, _next_left(contest, base, present, table, noise))
-        table.update({effects: c for effects, c in race.contenders.items() if base not in seen or effects not in later})
+        table.update({effects: c for effects, c in race.contenders.items() if not shown or effects not in later})
         races.append(race)
         if done:
             return Selection(contest, tuple(order), tuple(sorted(small)), most, tuple(races), table)

@@ -123,6 +123,29 @@ def test_a_reversed_probe_and_a_reversed_rotation_tie(tmp_path, mistake):
     assert {("rotation_reversed", *EFFECTS), ("probe_reversed.Y", *EFFECTS)} <= named
 
 
+def test_a_weight_on_the_opposite_side_is_no_participation_of_its_plane():
+    """Of a plane that one run uses the participation may be minus that of the rig file; that the weight sat opposite is
+    far more probable.
+    """
+    machine = Machine()
+    speeds = tuple(machine.frequency * np.linspace(0.6, 1.4, 9))
+    stated = {"none": [0j, 0j], "first": [25e-6 * np.exp(0.7j), 0j], "second": [0j, 30e-6 * np.exp(-1.2j)]}
+    made = {**stated, "second": [0j, -stated["second"][1]]}
+    z = measure(machine, Plan(made, speeds), {}, np.random.default_rng(11))
+    run = np.repeat(np.arange(3), len(speeds))
+    unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in stated.values()])[run]
+    conditions = Conditions.at(np.tile(speeds, 3), unbalance=unbalance)
+    model = Model(
+        Jeffcott(machine.mass, machine.stiffness, machine.ratio),
+        participation=np.ones(2),
+        layout=Layout(planes=("disk1", "disk2"), orders=(1.0,)),
+    )
+    measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple(stated), sigma=0.3e-6)
+    only = ("plane_participation", "residual_unbalance", "chain_gain", "trial_weight_opposite", "trial_weight_absent")
+    found = explain(model, measurement, only=only, thorough=False)
+    assert (found.verdict, found.named) == ("explained", ("trial_weight_opposite.second",))
+
+
 def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path):
     write_example(tmp_path)
     rig = read_rig(tmp_path / "rig.toml")

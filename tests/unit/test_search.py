@@ -1,15 +1,17 @@
 """The sets that a search tries around one, and what held-out folds leave out of a set."""
 
+from importlib.resources import as_file, files
 from typing import ClassVar
 
 import jax.numpy as jnp
 import pytest
 from jax import Array
 
-from rotorjax import Instant, RestoringEffect, effects, parameter
-from rotorjax.discovery.contest import check_catalog
+from rotorjax import Instant, RestoringEffect, effects, parameter, read_measurement, read_rig
+from rotorjax.discovery.contest import check_catalog, make_contest
 from rotorjax.discovery.held_out import _pruned
-from rotorjax.discovery.search import PRICE, neighbours
+from rotorjax.discovery.race import race
+from rotorjax.discovery.search import PRICE, begin, neighbours, ranking, retold, select
 from rotorjax.model.parameters import Parameter
 
 CANDIDATES = ("a", "b", "c", "d")
@@ -33,6 +35,24 @@ def test_pruning_pays_the_price_of_a_detection_for_each_part():
     scores = {frozenset(): -100.0, frozenset("a"): -10.0, frozenset("b"): -50.0, frozenset("ab"): -10.0 + 0.5 * PRICE}
     assert _pruned(scores) == frozenset("a")
     assert _pruned({**scores, frozenset("ab"): -10.0 + 2.0 * PRICE}) == frozenset("ab")
+
+
+def test_another_answer_that_begins_with_the_same_effect_has_steps_of_its_own():
+    """A step told for one answer alone lacks the effects of the next."""
+    with as_file(files("rotorjax") / "data" / "example") as folder:
+        rig = read_rig(folder / "rig.toml")
+        measurement = read_measurement(folder / "measurement.csv", rig)
+    others = ("chain_gain", "probe_angle", "stiffness_axes")
+    contest = make_contest(rig.model, measurement, ("residual_unbalance", "cross_coupling", *others))
+    answer = select(begin(contest), 3)
+    first, *further = (r.effect for r in ranking(contest, answer.races[0], frozenset()) if r.effect in others)
+    sets = [frozenset({first, second}) for second in further]
+    found = race(contest, answer.races[-1].noise, sets, answer.known)
+    for effects_there in sets:
+        answer = retold(answer, effects_there, found)
+        assert answer.present == effects_there
+        for count, (step, name) in enumerate(zip(answer.races[:-1], answer.effects, strict=True)):
+            assert frozenset({*answer.effects[:count], name}) in step.contenders
 
 
 def test_a_catalogue_that_would_lose_an_effect_is_refused(paper_rotor):
