@@ -211,7 +211,7 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
             continue
 
         def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
-            scale = as_array(np.asarray(model.probes.scale) * factor)
+            scale = as_array(np.asarray(float(model.probes.scale) * factor))
             return dataclasses.replace(model, probes=dataclasses.replace(model.probes, scale=scale)), m
 
         yield Mistake(kind, about, meaning, cure, corrected)
