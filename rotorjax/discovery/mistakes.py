@@ -90,7 +90,7 @@ def race_of_mistakes(
     weights = [one for one in screened if one.change.of_weight]
     if stated and (found := _without_what_is_stated(begun, stated, ahead, most, progress)):
         return found
-    own, unfinished = _search_as_stated(begun, most, progress, beside=bool(weights))
+    own, unfinished = _search_as_stated(begun, stated, most, progress, beside=bool(weights))
     share = math.inf if _misses(own) else contest.budget.spent - before
     own = own if always else _with_its_ties(own, catalog, progress)
     doubtful = always or _misses(own) or _like_a_mistake(own)
@@ -169,14 +169,20 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
     return [one for _, one in sorted(ahead, key=lambda scored: -scored[0])] if held else []
 
 
-def _search_as_stated(begun: Begun, most: int, progress: Progress, *, beside: bool) -> tuple[Alternative, bool]:
-    """What is stated, searched, and whether that is unfinished. **Arguments:** ``beside``: whether the rotor may have
-    another weight: forces that depend on motion make up for a wrong one without end, so that two fifths of the
-    linearisations are left.
+def _search_as_stated(
+    begun: Begun, stated: Screened | None, most: int, progress: Progress, *, beside: bool
+) -> tuple[Alternative, bool]:
+    """What is stated, searched, and whether that is unfinished: effect by effect, and where that leads to no answer
+    that holds, though all linear effects at once do, from a set of them that does. **Arguments:** ``stated``: the fit
+    of them; ``beside``: whether the rotor may have another weight: forces that depend on motion make up for a wrong
+    one without end, so that two fifths of the linearisations are left.
     """
     budget = begun.contest.budget
     with budget.share(OF_WHAT_IS_STATED * budget.left if beside else math.inf):
         own = _alternative(None, select(begun, most, progress=progress))
+        if stated is not None and stated.holds and _misses(own):
+            together = with_set(begun, most, {stated.beside: stated.end})
+            own = _alternative(None, select(together, most, progress=progress)) if together.holds else own
         return own, beside and budget.exhausted
 
 
@@ -325,7 +331,8 @@ def _near(
     answer = own.selection.known[own.selection.present]
     beside = answer.effects & costly
     if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:
-        likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost]
+        # All effects at once may do what few of them do not.
+        likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost or (stated.holds and one.holds)]
         if beside:
             likely += [one for one in screened if one.change.of_weight and one not in likely]
         return sorted(likely, key=lambda one: one.cost)[:MOST_SEARCHED]

@@ -24,9 +24,11 @@ from rotorjax.arrays import as_array
 from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
 from rotorjax.discovery.contest import make_contest
+from rotorjax.discovery.screening import as_stated, of_what_fails
 from rotorjax.discovery.search import begin, with_set
 from rotorjax.effects import CATALOG
 from rotorjax.inference.noise import NO_NOISE
+from rotorjax.model.contract import RestoringEffect, SweepEffect
 
 import hidden_forces
 import nonlinear_oracle as in_time
@@ -235,6 +237,26 @@ def test_a_unit_is_named_where_the_noise_is_unknown():
     measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple(weights))
     found = explain(model, measurement, only=("chain_gain", "phase_reference_offset", "amplitude_unit"), thorough=False)
     assert (found.verdict, found.named) == ("explained", ("amplitude_unit", "phase_reference_offset"))
+
+
+def test_linear_effects_none_of_which_promises_much_are_read_from_one_fit_of_all():
+    """The angles of the weights are reversed: three effects stand for that where nothing but effects is looked for."""
+    drawn, _ = draw_with_mistake(31244)
+    linear = tuple(name for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | SweepEffect))
+    contest = make_contest(drawn.model, drawn.measurement, linear)
+    (stated, *_), begun = of_what_fails(as_stated(contest), []), begin(contest)
+    assert stated.holds
+    assert not begun.holds
+    found = with_set(begun, 3, {stated.beside: stated.end}).found
+    assert found == {"phase_reference_offset", "residual_unbalance", "cross_coupling"}
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [31238, 31244])
+def test_a_mistake_for_which_many_linear_effects_would_stand(seed):
+    """Beside what is stated the data take three effects that none of them promises, or more than may be added."""
+    drawn, mistake = draw_with_mistake(seed)
+    assert {*explain(drawn.model, drawn.measurement).named} == {mistake, *drawn.effects}
 
 
 @pytest.mark.campaign
