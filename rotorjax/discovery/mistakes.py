@@ -82,11 +82,10 @@ def race_of_mistakes(
     are searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
     """
     changes = _changes(contest, kinds)
-    if not changes:
-        found = select(begin(contest, progress=progress), most, progress=progress)
-        return Race((Alternative(None, found, 0.0, 0.0),), tried=False)
     before = contest.budget.spent
     begun, stated, screened, ahead = _screened(contest, changes, most, progress)
+    if not changes:
+        return Race((_search_as_stated(begun, stated, most, progress, beside=False)[0],), tried=False)
     weights = [one for one in screened if one.change.of_weight]
     if stated and (found := _without_what_is_stated(begun, stated, ahead, most, progress)):
         return found
@@ -140,7 +139,8 @@ def _screened(
     begun = begun if stated.may_hold else with_set(begun, most)
     if begun.holds:
         return begun, stated, [], []
-    progress("whether something was written down wrongly")
+    if changes:
+        progress("whether something was written down wrongly")
     better, screened, ahead = of_what_fails(stated, changes)
     if better.may_hold and not stated.may_hold:
         begun = begin(dataclasses.replace(contest, linear_may_hold=True), progress=progress)
