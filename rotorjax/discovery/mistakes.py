@@ -87,7 +87,7 @@ def race_of_mistakes(
     if not changes:
         return Race((_search_as_stated(begun, stated, most, progress, beside=False)[0],), tried=False)
     weights = [one for one in screened if one.change.of_weight]
-    if stated and (found := _without_what_is_stated(begun, stated, ahead, most, progress)):
+    if stated and (found := _without_what_is_stated(begun, stated, ahead, screened, most, progress)):
         return found
     own, unfinished = _search_as_stated(begun, stated, most, progress, beside=bool(weights))
     share = math.inf if _misses(own) else contest.budget.spent - before
@@ -242,24 +242,26 @@ class _Reach(NamedTuple):
 
 
 def _without_what_is_stated(
-    begun: Begun, stated: Screened, ahead: list[Screened], most: int, progress: Progress
+    begun: Begun, stated: Screened, ahead: list[Screened], screened: list[Screened], most: int, progress: Progress
 ) -> Race | None:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
     force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated; ``ahead``: those
-    changes. **Returns** nothing where none does within half of the linearisations left.
+    changes; ``screened``: all, if they were: another may do as well beside the forces of that answer. **Returns**
+    nothing where none does within half of the linearisations left.
     """
     if not ahead:
         return None
     budget = stated.change.contest.budget
-    nearest, *further = ahead
+    nearest = ahead[0]
+    others = [one for one in screened or ahead if one.change.mistake != nearest.change.mistake]
     before = budget.spent
     with budget.share(budget.left / 2):
         first = _searched(nearest, most, progress)
     if first is None or first.misfit > 0.0:
         return None
     took = budget.spent - before
-    found, cut_off = _with_near(first, _near(first, stated, further, NO_NOISE), NO_NOISE, most, progress)
+    found, cut_off = _with_near(first, _near(first, stated, others, NO_NOISE), NO_NOISE, most, progress)
     with budget.share(took):
         own = _alternative(None, select(begun, most, progress=progress))
     return _ranked([*found, own], cut_off)
