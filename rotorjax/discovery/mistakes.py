@@ -333,8 +333,9 @@ def _near(
     answer = own.selection.known[own.selection.present]
     beside = answer.effects & costly
     if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:
-        # All effects at once may do what few of them do not.
-        likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost or (stated.holds and one.holds)]
+        # Where the answer misses all effects at once may do what few of them do not.
+        all_hold = own.misfit > noise.allowance and stated.holds
+        likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost or (all_hold and one.holds)]
         if beside:
             likely += [one for one in screened if one.change.of_weight and one not in likely]
         return sorted(likely, key=lambda one: one.cost)[:MOST_SEARCHED]
