@@ -230,36 +230,55 @@ def _linearised(lin: Linearisation, going: list[Descent]) -> list[Linearised]:
 
 
 class _Rivals(NamedTuple):
-    """Descents that compete: on the same cases, and of the same fit."""
+    """Descents that compete: on the same cases, and of those of the same fit."""
 
-    on_same_cases: list[list[Descent]]
-    of_same_fit: list[list[Descent]]
+    on_same_cases: list[list[list[Descent]]]
+    """Groups of descents on the same cases, each as lists of the descents of one fit."""
 
     @classmethod
     def of(cls, running: list[Descent]) -> "_Rivals":
-        """Sorted into groups; of fits only those with several descents."""
-        cases: dict[bytes, list[Descent]] = {}
-        fits: dict[tuple[bytes, bytes], list[Descent]] = {}
+        """Sorted into groups."""
+        cases: dict[bytes, dict[bytes, list[Descent]]] = {}
         for one in running:
-            kind = one.task.kind
-            cases.setdefault(kind[1], []).append(one)
-            fits.setdefault(kind, []).append(one)
-        return cls(list(cases.values()), [own for own in fits.values() if len(own) > 1])
+            unknowns, training = one.task.kind
+            cases.setdefault(training, {}).setdefault(unknowns, []).append(one)
+        return cls([list(fits.values()) for fits in cases.values()])
 
     def give_up(self, hopeless: float) -> None:
-        """End descents that others have left far behind, by costs of motions that balance only."""
-        for own in self.on_same_cases:
-            most = min([hopeless, *(d.cost + HOPELESS for d in own if d.settled)])
-            for one in own:
-                if not one.done and one.promises_no_less_than(most):
-                    one.give_up(LEFT_BEHIND)
-        for own in self.of_same_fit:
-            if all(d.done for d in own):
-                continue
-            ranked = sorted((d for d in own if d.settled), key=lambda d: d.cost)
-            for place, one in enumerate(ranked):
-                if not one.done and any(one.joins(other) for other in ranked[:place]):
-                    one.give_up()
+        """End descents that others have left far behind, by costs of motions that balance only, and those that come to
+        where another of their fit is.
+        """
+        for fits in self.on_same_cases:
+            most = min([hopeless, *(d.cost + HOPELESS for own in fits for d in own if d.settled)])
+            for own in fits:
+                for one in own:
+                    if not one.done and one.promises_no_less_than(most):
+                        one.give_up(LEFT_BEHIND)
+                _balance_best(own, most)
+                _join(own)
+
+
+def _balance_best(own: list[Descent], most: float) -> None:
+    """Where all descents of a fit that are under way seem to come to no cost below ``most``, but motions have freedom
+    left, their costs say little: the one that promises most goes on with motions that balance, if none of the fit has
+    such. The others end.
+    """
+    going = [one for one in own if not one.done]
+    seeming = sorted((one for one in going if one.seems_no_less_than(most)), key=lambda one: one.foreseen)
+    if seeming and len(seeming) == len(going) and all(one.freedom > 0.0 for one in own):
+        seeming.pop(0).balance()
+    for one in seeming:
+        one.give_up(LEFT_BEHIND)
+
+
+def _join(own: list[Descent]) -> None:
+    """End descents that would step to the optimum of a lower one."""
+    if all(one.done for one in own):
+        return
+    ranked = sorted((one for one in own if one.settled), key=lambda one: one.cost)
+    for place, one in enumerate(ranked):
+        if not one.done and any(one.joins(other) for other in ranked[:place]):
+            one.give_up()
 
 
 def _end_of(one: Descent) -> End:

@@ -20,14 +20,14 @@ from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
 
 STAYS = 0.5
-"""Share of the cost that a step must promise to leave at least, where motions have freedom left, for nothing to be
-hoped for.
+"""Share of the cost that a step must promise to leave at least, far from motions that balance, for nothing to be hoped
+for.
 """
 UNBALANCED = 6
 """Steps without freedom of the motions in which they balance, as a rule."""
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(eq=False)
 class Descent:
     """One descent under way."""
 
@@ -41,6 +41,8 @@ class Descent:
     steps: int = 0
     done: bool = False
     result: int = MAX_STEPS
+    early: bool = False
+    """Whether its motions were brought to balance before their freedom had ended."""
 
     def __post_init__(self) -> None:
         self.timed = self.trial.motions is not None
@@ -71,12 +73,24 @@ class Descent:
 
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
-        much, as a rule. Where motions have freedom left, or did not come to balance in several steps without, and it
-        does not promise to halve the cost: from a minimum on that only rises as the freedom ends.
+        much, as a rule. Where motions did not come to balance in several steps, or were brought to it far from an
+        optimum, a step that promises to halve the cost is waited for.
         """
-        unsettled = (self.freedom > 0.0 and self.steps > 1) or self.since > UNBALANCED
-        stays = unsettled and self.foreseen > STAYS * self.cost
-        return (self.under_way or stays) and self.foreseen > cost
+        if self.since > UNBALANCED or (self.early and self.under_way):
+            return self.foreseen > max(cost, STAYS * self.cost)
+        return self.under_way and self.foreseen > cost
+
+    def seems_no_less_than(self, cost: float) -> bool:
+        """Whether motions have freedom left and a step without damping promises neither a cost of the data below one
+        nor to halve it. Once they balance the cost may be far lower, and far higher.
+        """
+        return self.freedom > 0.0 and self.steps > 1 and self.foreseen > max(cost, STAYS * self.cost)
+
+    def balance(self) -> None:
+        """Go on from the parameters where it is, with motions that balance."""
+        assert self.here is not None
+        self.freedom, self.cost, self.trial, self.early = 0.0, math.inf, self.here.point, True
+        self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
 
     def give_up(self, result: int = MAX_STEPS) -> None:
         """End it where it stands."""

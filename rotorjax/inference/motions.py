@@ -11,7 +11,7 @@ FIRST_MOTION = 10.0
 """Freedom of the motions, in their size or the noise, that lets them show just what was measured; of a change along the
 motion of its order, in that of any other.
 """
-SHORTEST = 0.02
+SHORTEST = 1e-3
 """Share of a step of Newton's method below which no balance is looked for."""
 STEPS = 50
 """Most of them."""
