@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Measurement, Model, effects
+from rotorjax.data.declarations import mistakes
 from rotorjax.discovery.contest import make_contest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
@@ -17,11 +18,12 @@ from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import best_of, descend, starts_at
 from rotorjax.inference.manner import QUICK
-from rotorjax.inference.noise import Noise
+from rotorjax.inference.noise import NO_NOISE, Noise
 
 import drawn_effects
 import drawn_forces
 import hidden_forces
+from drawn_mistakes import draw_with_mistake
 from helpers import with_campaign
 
 LEAST = {126: 11.02, 300: 64.23, 313: 78.59, 513: 66.30, 563: 173.64, 584: 176.45, 682: 141.90, 781: 24.50, 1356: 74.16}
@@ -60,6 +62,26 @@ def test_drawn_forces_are_fitted_as_well_as_from_the_truth(seed):
     drawn, (term, least) = drawn_forces.draw(seed), LEAST_OF_FORCES[seed]
     assert drawn.term == term
     assert reached(*drawn_forces.measured(drawn), (term,), Noise()) < least + 0.5
+
+
+@pytest.mark.campaign
+def test_friction_whose_cost_rises_before_it_falls_is_not_ended_by_its_limit():
+    """Far from balance the cost is no bound: it rises to 3000 while the freedom of the motions ends, then falls."""
+    drawn, _ = draw_with_mistake(31256)
+    (absent,) = mistakes(drawn.model, drawn.measurement, ["weight_absent"])
+    right = make_contest(*absent.put_right(drawn.model, drawn.measurement), CATALOG)
+    friction = frozenset(["coulomb_friction"])
+    for force in (0.5, 1.0, 3.75, 21.6, 80.0):
+        point = right.space.given_unknowns()
+        for entry in right.space.entries:
+            if entry.effect in friction and entry.label == "force_n":
+                point[entry.unknown] = force / entry.scale
+        (end,) = descend(
+            right.space, right.data(NO_NOISE, point), starts_at(point[None]), right.free(friction),
+            right.training[None], budget=Budget(), manner=QUICK, hopeless=right.far_off,
+        )  # fmt: skip
+        assert end.exact
+        assert end.cost == pytest.approx(123.18, abs=0.1)
 
 
 @pytest.mark.campaign

@@ -260,6 +260,13 @@ def test_a_mistake_for_which_many_linear_effects_would_stand(seed):
 
 
 @pytest.mark.campaign
+def test_a_weight_that_is_not_there_is_named_beside_friction_six_times_its_scale():
+    drawn, mistake = draw_with_mistake(31256)
+    found = explain(drawn.model, drawn.measurement)
+    assert (found.verdict, found.named) == ("explained", (mistake, *drawn.effects))
+
+
+@pytest.mark.campaign
 def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it():
     """Gains far from their scale make up for amplitudes read as half of what they are; a clearance is hidden too."""
     drawn, mistake = draw_with_mistake(31058)
