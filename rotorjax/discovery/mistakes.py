@@ -79,7 +79,8 @@ def race_of_mistakes(
 
     **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most, of the ``catalog``; ``always``: also
     where what is stated leads to an answer that holds and is not `_like_a_mistake`: with such an answer only changes
-    are searched with which linear effects do as well. **Returns** what is stated alone where nothing comes near it.
+    are searched with which linear effects do as well, and changes of the weight that its forces feel. **Returns** what
+    is stated alone where nothing comes near it.
     """
     changes = _changes(contest, kinds)
     before = contest.budget.spent
@@ -93,14 +94,15 @@ def race_of_mistakes(
     share = math.inf if _misses(own) else contest.budget.spent - before
     own = own if always else _with_its_ties(own, catalog, progress)
     doubtful = always or _misses(own) or _like_a_mistake(own)
-    if contest.budget.exhausted or not (doubtful or screened):
+    doubted = changes if doubtful else [one for one in changes if one.of_weight and _feels_the_weight(own)]
+    if contest.budget.exhausted or not (doubted or screened):
         return Race((own,), tried=bool(screened))
     noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
     stated = stated or screen(Change(None, contest), noise)
     if not screened:
         progress("whether something was written down wrongly")
         hopeless = _Reach.of(own, noise).hopeless
-        screened = [screen(change, noise, hopeless=hopeless) for change in changes]
+        screened = [screen(change, noise, hopeless=hopeless) for change in doubted]
     near = _near(own, stated, screened, noise, beside_forces=doubtful)
     if unfinished:
         share = contest.budget.left / max(1, len(near))
@@ -214,6 +216,13 @@ def _like_a_mistake(own: Alternative) -> bool:
         for e in contest.space.model.effects
         if e.name in own.selection.present
     )
+
+
+def _feels_the_weight(own: Alternative) -> bool:
+    """Whether a force that depends on motion is in an answer: what the weight does through it nothing else shows, and
+    another effect may stand for what the weight does not do as stated.
+    """
+    return bool(own.selection.present & own.selection.contest.dear)
 
 
 class _Reach(NamedTuple):

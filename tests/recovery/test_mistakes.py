@@ -160,6 +160,12 @@ def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path)
     )
 
 
+def test_a_weight_in_another_direction_is_named_where_misalignment_would_stand_for_it():
+    """What the weight does through a crack shows at 1X and 2X, as a force does that turns with the shaft."""
+    drawn, mistake = draw_with_mistake(31278)
+    assert explain(drawn.model, drawn.measurement, thorough=False).named == (mistake, "crack")
+
+
 def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
     """A vertical rotor whose rig file states a weight: forces that depend on motion make up for that without end. Of
     four runs the spring leaves much beside influence coefficients, which is no scatter between runs.
