@@ -27,7 +27,8 @@ from rotorjax.model.contract import Effect, Family
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
 OF_WHAT_IS_STATED = 0.6
-"""Share of the linearisations left for what is stated where the rotor may have another weight."""
+"""Share of the linearisations left for what is stated where the rotor may have another weight, or the noise is unknown.
+"""
 
 
 class Alternative(NamedTuple):
@@ -86,11 +87,12 @@ def race_of_mistakes(
     before = contest.budget.spent
     begun, stated, screened, ahead = _screened(contest, changes, most, progress)
     if not changes:
-        return Race((_search_as_stated(begun, stated, most, progress, beside=False)[0],), tried=False)
+        return Race((_search_as_stated(begun, stated, most, progress, endless=False)[0],), tried=False)
     weights = [one for one in screened if one.change.of_weight]
     if stated and (found := _without_what_is_stated(begun, stated, ahead, screened, most, progress)):
         return found
-    own, unfinished = _search_as_stated(begun, stated, most, progress, beside=bool(weights))
+    endless = bool(weights) or contest.measurement.sigma is None
+    own, unfinished = _search_as_stated(begun, stated, most, progress, endless=endless)
     share = math.inf if _misses(own) else contest.budget.spent - before
     own = own if always else _with_its_ties(own, catalog, progress)
     doubtful = always or _misses(own) or _like_a_mistake(own)
@@ -172,20 +174,20 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
 
 
 def _search_as_stated(
-    begun: Begun, stated: Screened | None, most: int, progress: Progress, *, beside: bool
+    begun: Begun, stated: Screened | None, most: int, progress: Progress, *, endless: bool
 ) -> tuple[Alternative, bool]:
     """What is stated, searched, and whether that is unfinished: effect by effect, and where that leads to no answer
     that holds, though all linear effects at once do, from a set of them that does. **Arguments:** ``stated``: the fit
-    of them; ``beside``: whether the rotor may have another weight: forces that depend on motion make up for a wrong
-    one without end, so that two fifths of the linearisations are left.
+    of them; ``endless``: whether forces that depend on motion may make up for something wrong without end, as for
+    another weight, or where the noise is unknown, so that two fifths of the linearisations are left.
     """
     budget = begun.contest.budget
-    with budget.share(OF_WHAT_IS_STATED * budget.left if beside else math.inf):
+    with budget.share(OF_WHAT_IS_STATED * budget.left if endless else math.inf):
         own = _alternative(None, select(begun, most, progress=progress))
         if stated is not None and stated.holds and _misses(own):
             together = with_set(begun, most, {stated.beside: stated.end})
             own = _alternative(None, select(together, most, progress=progress)) if together.holds else own
-        return own, beside and budget.exhausted
+        return own, endless and budget.exhausted
 
 
 def _with_its_ties(own: Alternative, catalog: Mapping[str, type[Effect]], progress: Progress) -> Alternative:
@@ -341,9 +343,9 @@ def _near(
     contest, costly = own.selection.contest, own.selection.contest.dear
     answer = own.selection.known[own.selection.present]
     beside = answer.effects & costly
-    if own.misfit > noise.allowance or contest.floor.scatter != noise.scatter:
+    if _misses(own) or contest.floor.scatter != noise.scatter:
         # Where the answer misses all effects at once may do what few of them do not.
-        all_hold = own.misfit > noise.allowance and stated.holds
+        all_hold = _misses(own) and stated.holds
         likely = [one for one in screened if one.end.cost < HALVED * stated.end.cost or (all_hold and one.holds)]
         if beside:
             likely += [one for one in screened if one.change.of_weight and one not in likely]

@@ -273,6 +273,21 @@ def test_a_weight_that_is_not_there_is_named_beside_friction_six_times_its_scale
 
 
 @pytest.mark.campaign
+def test_exchanged_probes_are_named_where_the_noise_is_unknown():
+    """Six runs of ten speeds: the search beside what is stated would take all linearisations, and misses by far."""
+    speeds = np.tile(np.linspace(80.0, 320.0, 10), 6)
+    run, rng = np.repeat(np.arange(6), 10), np.random.default_rng(0)
+    weights = np.array([[0.0, 0.0], [3e-5, 0.0], [2e-5, 3e-5], [-3e-5, 1e-5], [0.0, -3e-5], [1e-5, 1e-5]])[run]
+    conditions = Conditions.at(speeds, unbalance=weights[:, None])
+    model = Model(Jeffcott(1.0, [56538.0, 45000.0], [0.02, 0.02]))
+    z = np.asarray(response(model, conditions))[:, ::-1]
+    z = z + 1e-6 * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple("abcdef"))
+    found = explain(model, measurement, thorough=False)
+    assert (found.verdict, found.named) == ("explained", ("probes_exchanged",))
+
+
+@pytest.mark.campaign
 def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it():
     """Gains far from their scale make up for amplitudes read as half of what they are; a clearance is hidden too."""
     drawn, mistake = draw_with_mistake(31058)
