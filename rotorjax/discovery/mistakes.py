@@ -16,11 +16,12 @@ import numpy as np
 from rotorjax.data.declarations import Mistake, log_odds, mistakes, promising
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.race import exactly, score, share_counted
+from rotorjax.discovery.race import exactly, race, score, share_counted
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, as_stated, beside_answer, of_what_fails, screen
-from rotorjax.discovery.search import NOTHING, Begun, Selection, begin, select, with_set
+from rotorjax.discovery.search import NOTHING, Begun, Selection, begin, retold, select, with_set
 from rotorjax.discovery.ties import noise_left, settled
+from rotorjax.inference.descent import HOPELESS
 from rotorjax.inference.noise import NO_NOISE, Noise, is_large
 from rotorjax.model.contract import Effect, Family
 
@@ -183,9 +184,11 @@ def _search_as_stated(
     """
     budget = begun.contest.budget
     with budget.share(OF_WHAT_IS_STATED * budget.left if endless else math.inf):
-        own = _alternative(None, select(begun, most, progress=progress))
-        if stated is not None and stated.holds and _misses(own):
-            together = with_set(begun, most, {stated.beside: stated.end})
+        linear = None if stated is None or not stated.holds else {stated.beside: stated.end}
+        pair = begun if linear is None else with_set(begun, min(most, 2), linear)
+        own = _alternative(None, select(pair, most, progress=progress))
+        if linear is not None and _misses(own):
+            together = with_set(begun, most, linear)
             own = _alternative(None, select(together, most, progress=progress)) if together.holds else own
         return own, endless and budget.exhausted
 
@@ -313,8 +316,27 @@ def _with_near(
 
 
 def _ranked(found: list[Alternative], cut_off: tuple[Mistake, ...]) -> Race:
-    ranked = tuple(sorted(found, key=lambda one: -one.score))
+    every = [*found, *_as_stated_too(found)]
+    ranked = tuple(sorted(every, key=lambda one: -one.score))
     return Race(ranked, cut_off=tuple(mistake for mistake in cut_off if mistake != ranked[0].mistake))
+
+
+def _as_stated_too(found: list[Alternative]) -> list[Alternative]:
+    """The effects of the best, if that is a change, beside what is stated: their search may have gone another way, and
+    they may do as well without the change.
+    """
+    best = max(found, key=lambda one: one.score)
+    effects, own = best.selection.present, next(one.selection for one in found if one.mistake is None)
+    if best.mistake is None or effects == own.present or own.contest.budget.exhausted:
+        return []
+    answer = best.selection.known[effects]
+    near, reach = answer._replace(foreseen=True), answer.best.cost + HOPELESS
+    fitted = race(own.contest, answer.noise, [effects], {**own.known, effects: near}, hopeless=reach)
+    there = fitted[effects]
+    if not there.balanced or there.best.cost > reach:
+        return []
+    likely = score(own.contest, there, answer.noise)
+    return [Alternative(None, retold(own, effects, fitted), likely, own.contest.misfit_left(there))]
 
 
 def _searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Alternative | None:

@@ -21,7 +21,7 @@ from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import NO_NOISE
 
-BEGUN = QUICK._replace(most_steps=8)
+BEGUN = QUICK._replace(most_steps=8, again=False)
 """How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
 MOST_TRIED = 8
 """Best sets of one size that are fitted."""

@@ -149,7 +149,7 @@ def descend(  # noqa: PLR0913
     running = _run(
         lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless
     )
-    if shift is None:
+    if shift is None and manner.again:
         for begin in (_as_measured, _scanned):
             lost = _lost(running)
             if budget.exhausted:

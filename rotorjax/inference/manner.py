@@ -40,6 +40,8 @@ class Manner(NamedTuple):
     """What is left of that freedom after every step that lowers the cost."""
     lenient: float = 0.02
     """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
+    again: bool = True
+    """Whether a fit begins again where none of its descents came to motions that balance."""
 
 
 THOROUGH, QUICK = Manner(FINE), Manner(COARSE)
