@@ -109,9 +109,23 @@ def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[
                 # What was linearised once only takes no place of what the search fitted.
                 return selection, ties
             if better is None or better in answered:
-                return selection._replace(known={**selection.known, **ties.raced}), ties
+                told = _told_with(selection, swapped)
+                return told._replace(known={**selection.known, **ties.raced}), ties
         answered.add(better)
         selection = retold(selection, better, swapped.found)
+
+
+def _told_with(selection: Selection, swapped: Swapped) -> Selection:
+    """The story with all that was tried in the place of the last effect as its step, where that is of the answer alone:
+    its effects were found together.
+    """
+    if not selection.effects or selection.small:
+        return selection
+    *before, last, end = selection.races
+    if last.noise != swapped.noise or len(last.contenders) > 2:
+        return selection
+    tried = {effects: swapped.found[effects] for effects in swapped.swaps[selection.effects[-1]]}
+    return selection._replace(races=(*before, last._replace(contenders={**tried, **last.contenders}), end))
 
 
 def swap_each(contest: Contest, selection: Selection, noise: Noise) -> Swapped:
