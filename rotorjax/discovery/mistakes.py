@@ -177,10 +177,11 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
 def _search_as_stated(
     begun: Begun, stated: Screened | None, most: int, progress: Progress, *, endless: bool
 ) -> tuple[Alternative, bool]:
-    """What is stated, searched, and whether that is unfinished: effect by effect, and where that leads to no answer
-    that holds, though all linear effects at once do, from a set of them that does. **Arguments:** ``stated``: the fit
-    of them; ``endless``: whether forces that depend on motion may make up for something wrong without end, as for
-    another weight, or where the noise is unknown, so that two fifths of the linearisations are left.
+    """What is stated, searched, and whether that is unfinished: where all linear effects at once hold, from a pair of
+    them that does, if there is one; else effect by effect, and where that leads to no answer that holds, from more of
+    them that do. **Arguments:** ``stated``: the fit of all; ``endless``: whether forces that depend on motion may make
+    up for something wrong without end, as for another weight, or where the noise is unknown, so that two fifths of the
+    linearisations are left.
     """
     budget = begun.contest.budget
     with budget.share(OF_WHAT_IS_STATED * budget.left if endless else math.inf):
