@@ -44,6 +44,8 @@ KINDS = (
 """All kinds of changes, by name."""
 OF_WEIGHT = ("weight_absent", "weight_direction")
 """Those that change the weight of the rotor: what balancing weights do, `weight_angles_reversed`, is none of them."""
+OF_READING = tuple(kind for kind in KINDS if kind.startswith(("amplitude", "phase", "probe")))
+"""Those of how the table is to be read."""
 
 Stated = tuple[Model, Measurement]
 """What rig file and table state, as a model and a measurement."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.data.declarations import OF_WEIGHT, Mistake
+from rotorjax.data.declarations import OF_READING, OF_WEIGHT, Mistake
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
@@ -53,6 +53,16 @@ class Change(NamedTuple):
         model, measurement = mistake.corrected(contest.space.model, contest.measurement)
         space = dataclasses.replace(contest.space, model=model)
         return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
+
+    def begun_from(self, level: "Screened", own: Contender) -> Float[np.ndarray, "param"]:
+        """Where to begin: where all effects ended beside what is stated; but with a change of how the table is to be
+        read at an answer alone, without errors of the reading, as they may stand for that change.
+        """
+        if self.mistake is None or self.mistake.kind not in OF_READING:
+            return level.end.point
+        space = self.contest.space
+        errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
+        return np.where(errors, space.given_unknowns(), own.best.point)
 
     def without(self, effects: Effects) -> "Change":
         """The same with none of these effects beside it."""
@@ -151,9 +161,10 @@ def beside_answer(
     """All linear effects with the costly ones of an answer, beside what is stated and beside changes: all are begun,
     and those go on that are not far off the cost with which they are ``hopeless``.
     """
-    level, fitted = screen(stated.change, noise, own, hopeless=hopeless), list[Screened]()
+    level, fitted = screen(stated.change, noise, own, start=own.best.point, hopeless=hopeless), list[Screened]()
     for one in changes:
-        begun = screen(one.change, noise, own, start=level.end.point, manner=BESIDE_FORCES, hopeless=hopeless)
+        start = one.change.begun_from(level, own)
+        begun = screen(one.change, noise, own, start=start, manner=BESIDE_FORCES, hopeless=hopeless)
         going_on = begun.end.result == MAX_STEPS and begun.end.cost < hopeless + HOPELESS
         fitted.append(screen(one.change, noise, own, start=begun.end.point, hopeless=hopeless) if going_on else begun)
     return level, fitted

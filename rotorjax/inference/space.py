@@ -172,9 +172,9 @@ class Space(eqx.Module):
 
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
         """Mask of the unknowns of these effects that the user did not declare uncertain."""
-        mask = np.zeros(len(self.entries), dtype=bool)
+        names, mask = frozenset(effects), np.zeros(len(self.entries), dtype=bool)
         for entry in self.entries:
-            if entry.effect in effects and not entry.declared_uncertain:
+            if entry.effect in names and not entry.declared_uncertain:
                 mask[entry.unknown] = True
         return mask
 
