@@ -28,7 +28,6 @@ from rotorjax.discovery.search import (
     change_by,
     noise_size,
     select,
-    showing,
 )
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
@@ -184,7 +183,7 @@ def _answer(
         effects=selection.effects,
         written=written,
         story=story,
-        rankings=tuple(tuple(showing(contest, step, min(step.contenders, key=len))) for step in selection.races),
+        races=selection.races,
         ties=ties,
         detected_but_small=_small(contest, selection),
         next_measurement=proposal,

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +14,8 @@ from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.mistakes import Race as MistakeRace
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
-from rotorjax.discovery.search import Ranked, may_be_missing
+from rotorjax.discovery.race import Race
+from rotorjax.discovery.search import Ranked, may_be_missing, showing
 from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
@@ -58,8 +60,8 @@ class Explanation(Reported):
     """What is stated in rig file and table against changes of it."""
     story: Story
     """Comparison and fit at every step, the first without any addition."""
-    rankings: tuple[tuple[Ranked, ...], ...]
-    """For every step, what a further effect would bring, "none" among them."""
+    races: tuple[Race, ...]
+    """For every step what was fitted: its effects, and with a further one."""
     ties: Ties
     detected_but_small: tuple[Small, ...]
     next_measurement: Proposal | None
@@ -116,6 +118,11 @@ class Explanation(Reported):
         `rotorjax.discovery.search.may_be_missing`.
         """
         return tuple(may_be_missing(self.rankings[-1]))
+
+    @cached_property
+    def rankings(self) -> tuple[tuple[Ranked, ...], ...]:
+        """For every step, what a further effect would bring, "none" among them."""
+        return tuple(tuple(showing(self.contest, step, min(step.contenders, key=len))) for step in self.races)
 
     @property
     def restricted(self) -> bool:

@@ -334,9 +334,9 @@ def _as_stated_too(found: list[Alternative]) -> list[Alternative]:
     near, reach = answer._replace(foreseen=True), answer.best.cost + HOPELESS
     fitted = race(own.contest, answer.noise, [effects], {**own.known, effects: near}, hopeless=reach)
     there = fitted[effects]
-    if not there.balanced or there.best.cost > reach:
+    likely = score(own.contest, there, answer.noise) if there.balanced else -math.inf
+    if likely < best.score - TIE:
         return []
-    likely = score(own.contest, there, answer.noise)
     return [Alternative(None, retold(own, effects, fitted), likely, own.contest.misfit_left(there))]
 
 

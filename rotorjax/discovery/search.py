@@ -319,7 +319,9 @@ def _told(
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
-        own = [base, *(base | {name} for name in sorted(present - base))]
+        # Of linear effects the first step tells of all, as they cost little.
+        cheap = frozenset(contest.candidates) - contest.dear if not order and not present & contest.dear else NOTHING
+        own = [base, *(base | {name} for name in sorted((present | cheap) - base))]
         wanted = _with_one_more(contest, base) if done else own
         # A step of another answer has the effects of that alone.
         shown = base in seen and seen[base].contenders.keys() >= set(wanted)

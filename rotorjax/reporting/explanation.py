@@ -212,15 +212,18 @@ def ranking_tables(found: Explanation) -> list[Table]:
         ]
         beside = f"beside {said(there)}" if there else "in the model as declared"
         rows = [[r.effect, percent(r.probability), number(found.chi2(r))] for r in _shown(ranked)]
-        note = _of_answer_alone(found, ranked) if step < len(found.effects) else _why_stopped(found, ranked)
+        note = _not_fitted(found, step) if step < len(found.effects) else _why_stopped(found, ranked)
         headers = ["effect", "probability", CHI2]
         tables.append(Table(f"What is missing {beside}", headers, rows, note, spare=[CHI2]))
     return tables
 
 
-def _of_answer_alone(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
-    others = {r.effect for r in ranked} - {"none", *found.effects}
-    return "" if others else "The effects of the answer were found together: others were not fitted at this step."
+def _not_fitted(found: Explanation, step: int) -> str:
+    fitted = frozenset().union(*found.races[step].contenders)
+    if fitted >= {*found.contest.candidates}:
+        return ""
+    words = "forces that depend on motion" if fitted - {*found.effects} else "others"
+    return f"The effects of the answer were found together: {words} were not fitted at this step."
 
 
 def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
