@@ -110,7 +110,7 @@ def race_of_mistakes(
     if unfinished:
         share = contest.budget.left / max(1, len(near))
     found, cut_off = _with_near(own, near, noise, most, progress, share=share)
-    if unfinished and _ranked(found, cut_off).best is own:
+    if unfinished and max(found, key=lambda one: one.score) is own:
         again = begin(contest, known=own.selection.known, progress=progress)
         found[0] = _alternative(None, select(again, most, progress=progress))
     return _ranked(found, cut_off)
