@@ -55,7 +55,9 @@ class Entry(NamedTuple):
         return unit_of(self.parameter)
 
 
-class Space(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Space:
     """Maps a vector of unknowns, each in units of its prior scale, to a model.
 
     Value of entry i: scale_i u_j, where j is its unknown; the null of every effect is u = 0. A value that the user
@@ -76,7 +78,7 @@ class Space(eqx.Module):
     """Of every unknown: a number for the strength that it is a part of, whose prior scale is known within decades only
     (`rotorjax.inference.evidence`); else -1.
     """
-    entries: tuple[Entry, ...] = eqx.field(static=True)
+    entries: tuple[Entry, ...] = dataclasses.field(metadata={"static": True})
 
     def at(self, unknowns: Float[Array, "param"]) -> Model:
         """The model at these unknowns."""
