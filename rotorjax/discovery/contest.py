@@ -81,6 +81,8 @@ class Contest:
     """Noise beside the table's that is known to be there."""
     linear_may_hold: bool = True
     """Whether effects that do not depend on motion may hold within the table's noise: not if all at once do not."""
+    cannot_hold: frozenset[Effects] = frozenset()
+    """Sets that were left behind under the table's noise."""
     forces_in_floor: bool = False
     """Whether the floor may come from forces that depend on motion: it was told without any."""
 

@@ -10,14 +10,15 @@ from threadpoolctl import threadpool_limits
 from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
+from rotorjax.discovery.alternatives import Alternative
+from rotorjax.discovery.alternatives import Race as MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.contest import Contest, check_catalog, make_contest
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
-from rotorjax.discovery.mistakes import Alternative, race_of_mistakes
-from rotorjax.discovery.mistakes import Race as MistakeRace
+from rotorjax.discovery.mistakes import race_of_mistakes
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
@@ -157,7 +158,7 @@ def _answer(
 ) -> Explanation:
     contest = selection.contest
     stages = _Stages(contest, thorough, progress, ["a further effect"] if contest.budget.exhausted else [])
-    selection, ties, noise = _with_ties(selection, catalog, stages)
+    selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     why = "the limit of linearisations was reached" if thorough else "not asked for"
     held = HeldOut((None,) * len(selection.races), why)
     if stages.go("error on data held out"):
@@ -282,17 +283,18 @@ class _Stages(NamedTuple):
 
 
 def _with_ties(
-    selection: Selection, catalog: Mapping[str, type[Effect]], stages: _Stages
+    selection: Selection, known: Ties | None, catalog: Mapping[str, type[Effect]], stages: _Stages
 ) -> tuple[Selection, Ties, Noise]:
     """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the
-    answer.
+    answer. **Arguments:** ``known``: what ties, where that was looked at.
     """
     contest = selection.contest
-    if contest.budget.exhausted:
+    if known is None and contest.budget.exhausted:
         stages.untried.append("what else would do as well")
         return selection, Ties((), (), (), selection.known[selection.present], {}), noise_left(selection)
-    stages.progress("what else would do as well")
-    best, ties = settled(selection, catalog)
+    if known is None:
+        stages.progress("what else would do as well")
+    best, ties = (selection, known) if known is not None else settled(selection, catalog)
     if contest.budget.exhausted:
         # What was linearised once only says nothing.
         stages.untried.append("part of what else would do as well")

@@ -15,7 +15,7 @@ from rotorjax.data.declarations import OF_READING, OF_WEIGHT, Mistake
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
-from rotorjax.inference.descent import HOPELESS, End, descend, starts_at
+from rotorjax.inference.descent import HOPELESS, End, best_of, descend, starts_at
 from rotorjax.inference.manner import CONVERGED, MAX_STEPS, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
@@ -27,7 +27,7 @@ depend on motion; mistakes left 0.03 to 0.07.
 """
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
-BESIDE_FORCES = QUICK._replace(most_steps=8)
+BESIDE_FORCES = QUICK._replace(most_steps=8, again=False)
 """The same beside forces that depend on motion."""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
@@ -54,15 +54,17 @@ class Change(NamedTuple):
         space = dataclasses.replace(contest.space, model=model)
         return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
 
-    def begun_from(self, level: "Screened", own: Contender) -> Float[np.ndarray, "param"]:
-        """Where to begin: where all effects ended beside what is stated; but with a change of how the table is to be
-        read at an answer alone, without errors of the reading, as they may stand for that change.
+    def begun_from(self, level: "Screened", own: Contender) -> Float[np.ndarray, "start param"]:
+        """Where to begin: where all effects ended beside what is stated, and at the costly effects of an answer alone;
+        but with a change of how the table is to be read at that answer without errors of the reading, as they may stand
+        for the change.
         """
-        if self.mistake is None or self.mistake.kind not in OF_READING:
-            return level.end.point
         space = self.contest.space
-        errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
-        return np.where(errors, space.given_unknowns(), own.best.point)
+        if self.mistake is not None and self.mistake.kind in OF_READING:
+            errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
+            return np.where(errors, space.given_unknowns(), own.best.point)[None]
+        costly = self.contest.only_of(own.effects & self.contest.dear)
+        return np.stack([level.end.point, np.where(costly, own.best.point, space.given_unknowns())])
 
     def without(self, effects: Effects) -> "Change":
         """The same with none of these effects beside it."""
@@ -136,23 +138,29 @@ def screen(
     own: Contender | None = None,
     *,
     also: Collection[str] = (),
-    start: Float[np.ndarray, "param"] | None = None,
+    start: Float[np.ndarray, "*start param"] | None = None,
     manner: Manner = QUICK,
     hopeless: float = math.inf,
 ) -> Screened:
-    """All linear effects at once, from a ``start`` or where the model has them. **Arguments:** ``own``: an answer whose
-    forces that depend on motion, and sweep, are fitted too; ``also``: further effects; ``manner`` of the descent;
-    ``hopeless``: cost with which it does not go on.
+    """All linear effects at once, from where the model has them, or the lowest of descents from some ``start``.
+
+    **Arguments:** ``own``: an answer whose forces that depend on motion, and sweep, are fitted too; ``also``: further
+    effects; ``manner`` of the descent; ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest
     start, free = contest.space.given_unknowns() if start is None else start, contest.linear | contest.only_of(also)
     if own is not None:
         beside = contest.only_of(own.effects & contest.dear)
         start, free = np.where(beside, own.best.point, start), free | beside
-    data, budget = contest.data(noise, start), contest.budget
-    training, starts = contest.training[None], starts_at(start[None])
-    (end,) = descend(contest.space, data, starts, free, training, budget=budget, manner=manner, hopeless=hopeless)
-    return Screened(change, end)
+    points = np.atleast_2d(start)
+    data, training = (
+        contest.data(noise, points[0]),
+        np.broadcast_to(contest.training, (len(points), len(contest.training))),
+    )
+    ends = descend(
+        contest.space, data, starts_at(points), free, training, budget=contest.budget, manner=manner, hopeless=hopeless
+    )
+    return Screened(change, best_of(ends))
 
 
 def beside_answer(

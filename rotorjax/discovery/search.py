@@ -14,6 +14,7 @@ from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import WORTH_TRYING, Exact, Race, contender_of, exactly, log_likelihood, settle
 from rotorjax.discovery.sets_that_hold import beside_all_linear, holding_set
 from rotorjax.inference.descent import End
+from rotorjax.inference.manner import LEFT_BEHIND
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
@@ -154,21 +155,23 @@ def begin(contest: Contest, *, known: Known | None = None, progress: Progress = 
     return Begun(contest, table, start.noise, exactly(contest, _with_one_more(contest, NOTHING), table))
 
 
-def with_set(begun: Begun, most: int, fits: Mapping[Effects, End] | None = None) -> Begun:
-    """Begun with a set of effects that holds, ``most`` together, if there is one and all of it matter. **Arguments:**
-    ``fits`` of all linear effects at once from which it is read, as for `holding_set`; by default one beside every
-    force that depends on motion.
+def with_set(begun: Begun, most: int, fits: Mapping[Effects, End] | None = None, *, least: int = 2) -> Begun:
+    """Begun with a set of effects that holds, from ``least`` to ``most`` together, if there is one and all of it
+    matter. **Arguments:** ``fits`` of all linear effects at once from which it is read, as for `holding_set`; by
+    default one beside every force that depends on motion.
     """
-    if most < 2 or begun.holds or not begun.contest.tried_exactly:
+    if most < least or begun.holds or not begun.contest.tried_exactly:
         return begun
     quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
-    exact = holding_set(quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, most)
+    exact = holding_set(quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, range(least, most + 1))
     if exact.leader is None:
         return begun
     best = exact.contenders[exact.leader]
     if not all(matters(quiet, best, name, NO_NOISE) for name in exact.leader):
         return begun
     known = {**begun.known, **exact.contenders}
+    behind = frozenset(e for e, c in begun.exact.contenders.items() if c.best.result == LEFT_BEHIND)
+    quiet = dataclasses.replace(quiet, cannot_hold=behind)
     return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=exact.leader)
 
 

@@ -27,13 +27,14 @@ MOST_TRIED = 8
 """Best sets of one size that are fitted."""
 
 
-def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, most: int) -> Exact:
-    """Sets of two effects and more, at ``most`` so many, under the noise of the table: the smallest that hold.
+def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, sizes: range) -> Exact:
+    """Sets of several effects under the noise of the table: the smallest that hold.
 
-    **Arguments:** ``fits`` of all linear effects at once, each beside other effects, which all its sets have.
+    **Arguments:** ``fits`` of all linear effects at once, each beside other effects, which all its sets have; ``sizes``
+    of the sets.
     """
     begun, exact = {beside: _Saturated.of(contest, end) for beside, end in fits.items()}, Exact({}, None)
-    for size in range(2, most + 1):
+    for size in sizes:
         sets = [
             (beside | set(names), whole.without_others(names))
             for beside, whole in begun.items()

@@ -17,7 +17,7 @@ from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import HOPELESS, End
 from rotorjax.inference.influence import CLEAR, influenced
-from rotorjax.inference.noise import Noise
+from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.model.contract import Effect
 
 NEAR = 15.0
@@ -161,6 +161,7 @@ def find_ties(contest: Contest, selection: Selection, swapped: Swapped, catalog:
     answer = selection.present
     noise, winner, swaps, found = swapped
     wider = [h for h in _wider(contest, selection, swaps, found, catalog) if _worth(contest, h, found, winner)]
+    wider = [h for h in wider if noise != NO_NOISE or h not in contest.cannot_hold]
     _fit_where_open(contest, selection, noise, [h for h in wider if h not in found], found, winner)
     others = [c for effects, c in found.items() if effects != answer and winner.log_evidence - c.log_evidence < NEAR]
     by_itself = _tolerance_by_itself(contest, noise, winner)
