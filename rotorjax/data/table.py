@@ -90,7 +90,7 @@ def _read_header(path: Path, number: int, line: str, notes: list[str]) -> _Heade
         problems.append(f"{path}:{number}: column {name!r} appears {names.count(name)} times; keep one")
     missing = [name for name in REQUIRED if name not in names]
     absent = missing + [name for name in OPTIONAL if name not in names]
-    stood_for = set()
+    stood_for, ignored = set(), []
     for column, name in enumerate(names, start=1):
         if name in REQUIRED or name in OPTIONAL:
             continue
@@ -104,10 +104,14 @@ def _read_header(path: Path, number: int, line: str, notes: list[str]) -> _Heade
             stood_for.add(near[0])
         else:
             notes.append(f"{place} is ignored")
+            ignored.append(repr(name))
+    unread = f" (not read: {', '.join(ignored)})" if ignored else ""
     for name in missing:
         if name in stood_for:
             continue
-        problems.append(f"{path}:{number}: column {name!r} is missing; the header must hold {','.join(REQUIRED)}")
+        problems.append(
+            f"{path}:{number}: column {name!r} is missing{unread}; the header must hold {','.join(REQUIRED)}"
+        )
     if problems:
         raise InputError(*problems)
     if delimiter != ",":

@@ -10,8 +10,7 @@ from threadpoolctl import threadpool_limits
 from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
-from rotorjax.discovery.alternatives import Alternative
-from rotorjax.discovery.alternatives import Race as MistakeRace
+from rotorjax.discovery.answers import Answer, MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.contest import Contest, check_catalog, make_contest
@@ -23,17 +22,13 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.polished import fit_of, fits_of_steps
 from rotorjax.discovery.progress import Progress, Telling
-from rotorjax.discovery.search import (
-    Selection,
-    begin,
-    change_by,
-    noise_size,
-    select,
-)
+from rotorjax.discovery.screening import as_stated
+from rotorjax.discovery.search import Selection, begin, change_by, noise_size, select, with_set
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
 from rotorjax.inference.ahead import make_programs_ahead
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
@@ -117,7 +112,7 @@ def _candidates(
 
 def _as_done(
     model: Model,
-    answer: Alternative,
+    answer: Answer,
     candidates: list[str],
     catalog: Mapping[str, type[Effect]],
     progress: Progress,
@@ -132,7 +127,10 @@ def _as_done(
     model = reversed_rotation(model)
     contest = selection.contest
     own = make_contest(model, contest.measurement, candidates, catalog, contest.budget)
-    return model, select(begin(own, progress=progress), selection.most, progress=progress)
+    begun, linear = begin(own, progress=progress), None if contest.measurement.sigma is None else as_stated(own)
+    if linear is not None and linear.may_hold:
+        begun = with_set(begun, selection.most, {linear.beside: linear.end})
+    return model, select(begun, selection.most, progress=progress)
 
 
 def _as_stated(contest: Contest, model: Model) -> Comparison:
@@ -156,13 +154,10 @@ def _answer(
     thorough: bool,
     progress: Progress,
 ) -> Explanation:
-    contest = selection.contest
-    stages = _Stages(contest, thorough, progress, ["a further effect"] if contest.budget.exhausted else [])
+    budget = selection.contest.budget
+    stages = _Stages(budget, thorough, progress, ["a further effect"] if budget.exhausted else [])
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
-    why = "the limit of linearisations was reached" if thorough else "not asked for"
-    held = HeldOut((None,) * len(selection.races), why)
-    if stages.go("error on data held out"):
-        held = held_out(contest, selection, ties)
+    contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.
     with contest.budget.ahead(FOR_THE_STEPS):
         story = _story(selection, model, stated, held, undriven, written.best.mistake)
@@ -198,6 +193,16 @@ def _answer(
     )
 
 
+def _held_out(selection: Selection, ties: Ties, stages: "_Stages") -> HeldOut:
+    """Errors on data left out of the fits, as far as the budget reaches."""
+    if not stages.go("error on data held out"):
+        why = "the limit of linearisations was reached" if stages.thorough else "not asked for"
+        return HeldOut((None,) * len(selection.races), why)
+    held = held_out(selection.contest, selection, ties)
+    stages.ended("error on data held out")
+    return held
+
+
 def _story(
     selection: Selection,
     model: Model,
@@ -222,7 +227,9 @@ def _more_than_noise(selection: Selection, last: Fit, stages: "_Stages") -> PVal
         return None
     best = selection.known[selection.present]
     led = best.led_by(last.end, Noise(last.misfit, contest.floor.scatter))
-    return p_value(contest, best if selection.small and not selection.effects else led)
+    p = p_value(contest, best if selection.small and not selection.effects else led)
+    stages.ended("whether what is left is more than noise")
+    return p
 
 
 def _proposal(selection: Selection, ties: Ties, noise: Noise) -> Proposal | None:
@@ -260,13 +267,14 @@ def _outside_the_catalogue(
     if not selection.effects or not stages.go("whether a force outside the catalogue would do as well"):
         return None, verdict
     named = other_force(first, last, selection.effects, doubtful=bool(last.objections(selection.effects)))
+    stages.ended("whether a force outside the catalogue would do as well")
     return named, verdict if named is None else "undecided"
 
 
 class _Stages(NamedTuple):
     """What is done after the search, as far as the budget reaches."""
 
-    contest: Contest
+    budget: Budget
     thorough: bool
     progress: Progress
     untried: list[str]
@@ -275,11 +283,16 @@ class _Stages(NamedTuple):
         """Whether there is budget left for a stage; what is left out is noted."""
         if not self.thorough:
             return False
-        if self.contest.budget.exhausted:
+        if self.budget.exhausted:
             self.untried.append(what)
             return False
         self.progress(what)
         return True
+
+    def ended(self, what: str) -> None:
+        """Note a stage in which the budget ran out."""
+        if self.budget.exhausted:
+            self.untried.append(f"part of {what}")
 
 
 def _with_ties(

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.declarations import Mistake
-from rotorjax.discovery.alternatives import Race as MistakeRace
+from rotorjax.discovery.answers import MistakeRace
 from rotorjax.discovery.bootstrap import PValue
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.named_force import NamedForce

@@ -12,15 +12,13 @@ from collections.abc import Collection, Mapping
 from typing import get_args
 
 from rotorjax.data.declarations import log_odds, mistakes, promising
-from rotorjax.discovery.alternatives import (
-    Alternative,
+from rotorjax.discovery.answers import (
+    Answer,
     Doubts,
-    Race,
-    alternative,
+    MistakeRace,
     like_a_mistake,
     misses,
     near_changes,
-    race_of,
     searched,
     with_near,
 )
@@ -46,7 +44,7 @@ def race_of_mistakes(
     progress: Progress,
     *,
     always: bool,
-) -> Race:
+) -> MistakeRace:
     """Race what is stated against every change of it that the data do not rule out, each with the effects beside it.
 
     **Arguments:** ``kinds`` of changes that may be; ``most`` effects at most, of the ``catalog``; ``always``: also
@@ -58,16 +56,16 @@ def race_of_mistakes(
     before = contest.budget.spent
     begun, stated, screened, ahead = _screened(contest, changes, most, progress)
     if not changes:
-        return Race((_search_as_stated(begun, stated, most, progress, endless=False)[0],), tried=False)
+        return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
+    doubts = Doubts(contest, changes, screened, stated, most, always, progress)
     weights = [one for one in screened if one.change.of_weight]
-    if stated and (found := _without_what_is_stated(begun, stated, ahead, screened, most, progress)):
+    if stated and (found := _without_what_is_stated(begun, stated, ahead, doubts)):
         return found
     endless = bool(weights) or contest.measurement.sigma is None
-    own, unfinished = _search_as_stated(begun, stated, most, progress, endless=endless)
+    own = _search_as_stated(begun, stated, most, progress, endless=endless)
     share = math.inf if misses(own) else contest.budget.spent - before
     own = own if always or misses(own) else _with_its_ties(own, catalog, progress)
-    doubts = Doubts(changes, screened, stated, most, always, progress)
-    raced = doubts.race(own, share, unfinished=unfinished)
+    raced = doubts.race(own, share)
     if raced.best.mistake is not None or not misses(raced.best):
         return raced
     # What does as well as an answer that misses may hold, and is doubted as such then.
@@ -109,7 +107,8 @@ def _screened(
         progress("whether something was written down wrongly")
     better, screened, ahead = of_what_fails(stated, changes)
     if better.may_hold and not stated.may_hold:
-        begun = begin(dataclasses.replace(contest, linear_may_hold=True), progress=progress)
+        known = {**begun.known, **begun.exact.contenders}
+        begun = begin(dataclasses.replace(contest, linear_may_hold=True), known=known, progress=progress)
     return begun, better, screened, ahead
 
 
@@ -135,10 +134,8 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
     return [one for _, one in sorted(ahead, key=lambda scored: -scored[0])] if held else []
 
 
-def _search_as_stated(
-    begun: Begun, stated: Screened | None, most: int, progress: Progress, *, endless: bool
-) -> tuple[Alternative, bool]:
-    """What is stated, searched, and whether that is unfinished: where all linear effects at once hold, from a pair of
+def _search_as_stated(begun: Begun, stated: Screened | None, most: int, progress: Progress, *, endless: bool) -> Answer:
+    """What is stated, searched: where all linear effects at once hold, from a pair of
     them that does, if there is one; else effect by effect, and where that leads to no answer that holds, from more of
     them that do. **Arguments:** ``stated``: the fit of all; ``endless``: whether forces that depend on motion may make
     up for something wrong without end, as for another weight, or where the noise is unknown, so that two fifths of the
@@ -148,14 +145,14 @@ def _search_as_stated(
     with budget.share(OF_WHAT_IS_STATED * budget.left if endless else math.inf):
         linear = None if stated is None or not stated.holds else {stated.beside: stated.end}
         pair = begun if linear is None else with_set(begun, min(most, 2), linear)
-        own = alternative(None, select(pair, most, progress=progress))
+        own = Answer.of(None, select(pair, most, progress=progress))
         if linear is not None and not pair.holds and misses(own):
             together = with_set(begun, most, linear, least=3)
-            own = alternative(None, select(together, most, progress=progress)) if together.holds else own
-        return own, endless and budget.exhausted
+            own = Answer.of(None, select(together, most, progress=progress)) if together.holds else own
+        return own._replace(cut_off=endless and budget.exhausted)
 
 
-def _with_its_ties(own: Alternative, catalog: Mapping[str, type[Effect]], progress: Progress) -> Alternative:
+def _with_its_ties(own: Answer, catalog: Mapping[str, type[Effect]], progress: Progress) -> Answer:
     """An answer, or what ties with it and turns out more probable, looked at where it misses or is `like_a_mistake`:
     what holds, or does so without an effect of the measuring chain, may come to light only there.
     """
@@ -163,23 +160,23 @@ def _with_its_ties(own: Alternative, catalog: Mapping[str, type[Effect]], progre
         return own
     progress("what else would do as well")
     selection, ties = settled(own.selection, catalog)
-    return alternative(None, selection)._replace(ties=ties)
+    return Answer.of(None, selection, cut_off=own.cut_off)._replace(ties=ties)
 
 
 def _without_what_is_stated(
-    begun: Begun, stated: Screened, ahead: list[Screened], screened: list[Screened], most: int, progress: Progress
-) -> Race | None:
+    begun: Begun, stated: Screened, ahead: list[Screened], doubts: Doubts
+) -> MistakeRace | None:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
     force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated; ``ahead``: those
-    changes; ``screened``: all, if they were: another may do as well beside the forces of that answer. **Returns**
-    nothing where none does within half of the linearisations left.
+    changes; ``doubts``: all, another of which may do as well beside the forces of that answer. **Returns** nothing
+    where none does within half of the linearisations left.
     """
     if not ahead:
         return None
-    budget = stated.change.contest.budget
+    budget, most, progress = doubts.contest.budget, doubts.most, doubts.progress
     nearest = ahead[0]
-    others = [one for one in screened or ahead if one.change.mistake != nearest.change.mistake]
+    others = [one for one in doubts.screened or ahead if one.change.mistake != nearest.change.mistake]
     before = budget.spent
     with budget.share(budget.left / 2):
         first = searched(nearest, most, progress)
@@ -188,5 +185,5 @@ def _without_what_is_stated(
     took = budget.spent - before
     found, cut_off = with_near(first, near_changes(first, stated, others, NO_NOISE), NO_NOISE, most, progress)
     with budget.share(took):
-        own = alternative(None, select(begun, most, progress=progress))
-    return race_of([*found, own], cut_off)
+        own = Answer.of(None, select(begun, most, progress=progress), cut_off=budget.exhausted)
+    return doubts.ranked([*found, own], cut_off)

@@ -46,6 +46,10 @@ class NamedForce:
     def __repr__(self) -> str:
         return f"NamedForce({self.words or 'no simple shape'}; {self.fit!r})"
 
+    def validated(self) -> "NamedForce":
+        """With the error of the fit on data left out of it."""
+        return self if self.fit is None else dataclasses.replace(self, fit=cross_validated(self.fit))
+
     @property
     def enough(self) -> bool:
         """Whether the terms leave no more than the noise of the table."""
@@ -79,12 +83,12 @@ def name_force(
     """
     first = _named(declared, (), catalog)
     if first.enough:
-        return first
+        return first.validated()
     second = _named(answer, effects, catalog) if effects else first
     best = min((first, second), key=lambda named: math.inf if named.fit is None else _score(named.fit))
     if best.fit is None or _score(best.fit) >= _score(answer):
         return NamedForce(second.force, (), effects, None)
-    return best
+    return best.validated()
 
 
 def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtful: bool = False) -> NamedForce | None:
@@ -101,7 +105,7 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
     ahead = Ahead(first_cost=answer.end.cost, holds=True) if answer.misfit == 0.0 else Ahead()
     found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead)
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
-    return found if found.enough and found.fit is not None and _score(found.fit) < better else None
+    return found.validated() if found.enough and found.fit is not None and _score(found.fit) < better else None
 
 
 def _score(fitted: Fit) -> float:
@@ -156,7 +160,7 @@ def _named(
     words = (
         _words(likely[k], fits[k]) for k in rivals if not {t.term for t in likely[best]} <= {t.term for t in likely[k]}
     )
-    return NamedForce(force, likely[best], beside, cross_validated(fits[best]), tuple(words))
+    return NamedForce(force, likely[best], beside, fits[best], tuple(words))
 
 
 def _believable(fitted: Fit) -> bool:

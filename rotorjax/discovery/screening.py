@@ -5,18 +5,17 @@ Forces that depend on motion, and a sweep, cost many times as much, and are left
 
 import dataclasses
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from rotorjax.data.declarations import OF_READING, OF_WEIGHT, Mistake
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
-from rotorjax.inference.descent import HOPELESS, End, best_of, descend, starts_at
-from rotorjax.inference.manner import CONVERGED, MAX_STEPS, QUICK, Manner
+from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
+from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
@@ -54,7 +53,7 @@ class Change(NamedTuple):
         space = dataclasses.replace(contest.space, model=model)
         return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
 
-    def begun_from(self, level: "Screened", own: Contender) -> Float[np.ndarray, "start param"]:
+    def begun_from(self, level: "Screened", own: Contender) -> list[Start]:
         """Where to begin: where all effects ended beside what is stated, and at the costly effects of an answer alone;
         but with a change of how the table is to be read at that answer without errors of the reading, as they may stand
         for the change.
@@ -62,9 +61,9 @@ class Change(NamedTuple):
         space = self.contest.space
         if self.mistake is not None and self.mistake.kind in OF_READING:
             errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
-            return np.where(errors, space.given_unknowns(), own.best.point)[None]
+            return [Start(np.where(errors, space.given_unknowns(), own.best.point))]
         costly = self.contest.only_of(own.effects & self.contest.dear)
-        return np.stack([level.end.point, np.where(costly, own.best.point, space.given_unknowns())])
+        return starts_at(np.stack([level.end.point, np.where(costly, own.best.point, space.given_unknowns())]))
 
     def without(self, effects: Effects) -> "Change":
         """The same with none of these effects beside it."""
@@ -138,28 +137,23 @@ def screen(
     own: Contender | None = None,
     *,
     also: Collection[str] = (),
-    start: Float[np.ndarray, "*start param"] | None = None,
+    starts: Sequence[Start] = (),
     manner: Manner = QUICK,
     hopeless: float = math.inf,
 ) -> Screened:
-    """All linear effects at once, from where the model has them, or the lowest of descents from some ``start``.
+    """All linear effects at once, from where the model has them, or the lowest of descents from some ``starts``.
 
     **Arguments:** ``own``: an answer whose forces that depend on motion, and sweep, are fitted too; ``also``: further
     effects; ``manner`` of the descent; ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest
-    start, free = contest.space.given_unknowns() if start is None else start, contest.linear | contest.only_of(also)
+    free = contest.linear | contest.only_of(also)
     if own is not None:
-        beside = contest.only_of(own.effects & contest.dear)
-        start, free = np.where(beside, own.best.point, start), free | beside
-    points = np.atleast_2d(start)
-    data, training = (
-        contest.data(noise, points[0]),
-        np.broadcast_to(contest.training, (len(points), len(contest.training))),
-    )
-    ends = descend(
-        contest.space, data, starts_at(points), free, training, budget=contest.budget, manner=manner, hopeless=hopeless
-    )
+        free = free | contest.only_of(own.effects & contest.dear)
+    starts = starts or starts_at(contest.space.given_unknowns()[None])
+    data, training = contest.data(noise, starts[0].point), np.tile(contest.training, (len(starts), 1))
+    budget = contest.budget
+    ends = descend(contest.space, data, starts, free, training, budget=budget, manner=manner, hopeless=hopeless)
     return Screened(change, best_of(ends))
 
 
@@ -169,12 +163,13 @@ def beside_answer(
     """All linear effects with the costly ones of an answer, beside what is stated and beside changes: all are begun,
     and those go on that are not far off the cost with which they are ``hopeless``.
     """
-    level, fitted = screen(stated.change, noise, own, start=own.best.point, hopeless=hopeless), list[Screened]()
+    level, fitted = screen(stated.change, noise, own, starts=[Start.at(own.best)], hopeless=hopeless), list[Screened]()
     for one in changes:
-        start = one.change.begun_from(level, own)
-        begun = screen(one.change, noise, own, start=start, manner=BESIDE_FORCES, hopeless=hopeless)
+        starts = one.change.begun_from(level, own)
+        begun = screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless)
         going_on = begun.end.result == MAX_STEPS and begun.end.cost < hopeless + HOPELESS
-        fitted.append(screen(one.change, noise, own, start=begun.end.point, hopeless=hopeless) if going_on else begun)
+        again = [Start.at(begun.end)]
+        fitted.append(screen(one.change, noise, own, starts=again, hopeless=hopeless) if going_on else begun)
     return level, fitted
 
 
@@ -198,10 +193,11 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
         screened.append(_exactly(one, hopeless=enough))
         if screened[-1].holds:
             enough = min(enough, screened[-1].end.cost + HOPELESS)
-    if not any(one.holds for one in screened):
+    if changes and not any(one.holds for one in screened):
         # How far off all are decides then.
-        whole = as_stated(stated.change.contest, to_the_end=True)
-        stated = min(whole, _exactly(level), key=lambda one: one.end.cost)
+        if stated.end.result == LEFT_BEHIND:
+            whole = as_stated(stated.change.contest, to_the_end=True)
+            stated = min(whole, _exactly(level), key=lambda one: one.end.cost)
         screened = [_exactly(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
     ahead = [
         exact
@@ -226,14 +222,15 @@ def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
     fitted = list[Screened]()
     for one in sorted(begun, key=lambda one: one.end.cost):
         going_on = one.end.result != CONVERGED and one.end.steps == BEGUN.most_steps
-        fitted.append(screen(one.change, wide, start=one.end.point, hopeless=enough) if going_on else one)
+        again = [Start.at(one.end)]
+        fitted.append(screen(one.change, wide, starts=again, hopeless=enough) if going_on else one)
         enough = min(enough, fitted[-1].end.cost + HOPELESS)
     return sorted((one for one in fitted if one.end.cost < most), key=lambda one: one.cost)
 
 
 def _exactly(rough: Screened, *, hopeless: float = math.inf) -> Screened:
     """The fit under the noise of the table, begun where that under a wide one ended."""
-    return screen(rough.change, NO_NOISE, start=rough.end.point, hopeless=hopeless)
+    return screen(rough.change, NO_NOISE, starts=[Start.at(rough.end)], hopeless=hopeless)
 
 
 def _feels(change: Change, level: Screened) -> bool:

@@ -66,6 +66,10 @@ class Selection(NamedTuple):
         """The small ones that are fitted along with effects, which they would bias if left out."""
         return self.small if self.effects else ()
 
+    def among(self, candidates: tuple[str, ...]) -> "Selection":
+        """The same where these effects may be missing, of which some were not tried."""
+        return self._replace(contest=dataclasses.replace(self.contest, candidates=candidates))
+
     @property
     def more(self) -> list["Ranked"]:
         """What may be missing beside all that was detected, as in `may_be_missing`."""
@@ -211,14 +215,14 @@ def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> S
             present, noise = _pruned(contest, present, small, table, race.noise)
             present -= small
             continue
-        chosen, noise = present | {added}, race.noise
+        chosen, needed, noise = present | {added}, small, race.noise
         if noise.allowance > contest.floor.allowance or len(chosen | small) > 1:
-            chosen, small, noise = _refined(contest, chosen, small, race, table, most)
-            slight = frozenset(name for name in chosen if not matters(contest, table[chosen | small], name, noise))
-            chosen, small = chosen - slight, small | slight
+            chosen, needed, noise = _refined(contest, chosen, small, race, table, most)
+            slight = frozenset(name for name in chosen if not matters(contest, table[chosen | needed], name, noise))
+            chosen, needed = chosen - slight, needed | slight
         if chosen in tried:
             return _told(contest, most, present, small, table, seen)
-        present = chosen
+        present, small = chosen, needed
         tried.add(present)
         contest = with_floor(contest, table[present | small])
 
@@ -356,7 +360,7 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
 def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
     contest, known = selection.contest, {**selection.known, **found}
-    if present & contest.timed:
+    if (present | selection.present) & contest.timed:
         contest = with_floor(contest, known[present])
     new = present - set(selection.effects) - set(selection.small)
     slight = (name for name in new if not matters(contest, known[present], name, known[present].noise))

@@ -96,8 +96,9 @@ def noise_left(selection: Selection) -> Noise:
 
 def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[Selection, Ties]:
     """The answer with what ties with it: what turns out more probable among all that was raced takes its place."""
-    contest, answered = selection.contest, {selection.present}
+    answered = {selection.present}
     while True:
+        contest = selection.contest
         swapped = swap_each(contest, selection, noise_left(selection))
         better = swapped.better(contest, selection.most)
         if contest.budget.exhausted or better is None or better in answered:

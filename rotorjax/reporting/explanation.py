@@ -222,7 +222,8 @@ def _not_fitted(found: Explanation, step: int) -> str:
     fitted = frozenset().union(*found.races[step].contenders)
     if fitted >= {*found.contest.candidates}:
         return ""
-    words = "forces that depend on motion" if fitted - {*found.effects} else "others"
+    sweep = " and a changing speed" if found.contest.sweeping - fitted else ""
+    words = f"forces that depend on motion{sweep}" if fitted - {*found.effects} else "others"
     return f"The effects of the answer were found together: {words} were not fitted at this step."
 
 

@@ -128,6 +128,7 @@ def test_repeats_give_the_pure_error(tmp_path):
         (HEADER + "\n", "no rows below the header"),
         ("baseline,1500,X,1,1.0,0,0.3\n", "no header"),
         (HEADER.replace("phase_deg,", "") + "\nbaseline,1500,X,1,1.0,0.3\n", "column 'phase_deg' is missing"),
+        (HEADER.replace("phase_deg", "fase") + "\n", "column 'phase_deg' is missing (not read: 'fase')"),
         (HEADER.replace("sigma_um", "sigma") + "\n" + BODY, "column 7 ('sigma') is unknown; did you mean 'sigma_um'?"),
         (HEADER.replace("phase_deg", "phase") + "\n" + BODY, "did you mean 'phase_deg'?"),
         (HEADER.replace("sigma_um", "run") + "\n" + BODY, "column 'run' appears 2 times"),

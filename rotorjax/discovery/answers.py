@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.declarations import Mistake
+from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import race, score, share_counted
 from rotorjax.discovery.rivals import TIE
@@ -21,17 +22,35 @@ MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
 
 
-class Alternative(NamedTuple):
+class Answer(NamedTuple):
     """What is stated, or a change of it, with the best effects beside."""
 
     mistake: Mistake | None
     selection: Selection
+    log_odds: float
+    """Of the change beforehand."""
     score: float
     """Logarithm of marginal likelihood and prior odds, up to a constant."""
     misfit: float
-    """Allowance for misfit that its answer needs [m]."""
+    """Allowance for misfit that it needs [m]."""
+    cut_off: bool
+    """Whether its search was ended by a share of the linearisations."""
     ties: Ties | None = None
-    """What ties with its answer, where that was looked at."""
+    """What ties with it, where that was looked at."""
+
+    @classmethod
+    def of(
+        cls, mistake: Mistake | None, selection: Selection, log_odds: float = 0.0, *, cut_off: bool = False
+    ) -> "Answer":
+        """What a search came to."""
+        contest, noise = selection.contest, noise_left(selection)
+        own = score(contest, selection.known[selection.present], noise)
+        return cls(mistake, selection, log_odds, own + log_odds, noise.allowance, cut_off)
+
+    def finished(self, most: int, progress: Progress) -> "Answer":
+        """Its search to the end, with ``most`` effects at most."""
+        again = begin(self.selection.contest, known=self.selection.known, progress=progress)
+        return Answer.of(self.mistake, select(again, most, progress=progress), self.log_odds)
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -39,40 +58,33 @@ class Alternative(NamedTuple):
         return (*([] if self.mistake is None else [self.mistake.name]), *self.selection.effects)
 
 
-class Race(NamedTuple):
-    """Alternatives, the most probable first."""
+class MistakeRace(NamedTuple):
+    """Answers beside what is stated and changes of it, the most probable first."""
 
-    ranked: tuple[Alternative, ...]
+    ranked: tuple[Answer, ...]
     tried: bool = True
     """Whether changes of what is stated took part."""
     cut_off: tuple[Mistake, ...] = ()
     """Those whose search was ended, as it took as long as that for the answer."""
 
     @property
-    def best(self) -> Alternative:
-        """The answer."""
+    def best(self) -> Answer:
+        """The most probable."""
         return self.ranked[0]
 
     @property
-    def tied(self) -> tuple[Alternative, ...]:
+    def tied(self) -> tuple[Answer, ...]:
         """Those within 3 log units of it."""
         return tuple(other for other in self.ranked[1:] if self.best.score - other.score < TIE)
 
 
-def alternative(mistake: Mistake | None, selection: Selection, odds: float = 0.0) -> Alternative:
-    """What a search came to. **Arguments:** ``odds``: logarithm of the change's."""
-    contest, noise = selection.contest, noise_left(selection)
-    contender = selection.known[selection.present]
-    return Alternative(mistake, selection, score(contest, contender, noise) + odds, noise.allowance)
-
-
-def misses(own: Alternative) -> bool:
+def misses(own: Answer) -> bool:
     """Whether an answer leaves more than the noise, or more than noise would be where that is unknown."""
     measurement = own.selection.contest.measurement
     return own.misfit > 0.0 if measurement.sigma is not None else is_large(own.misfit, measurement)
 
 
-def like_a_mistake(own: Alternative) -> bool:
+def like_a_mistake(own: Answer) -> bool:
     """Whether an effect of the measuring chain is in an answer, one of what is installed in a plane or, where nothing
     else is installed in any other run, an excitation: what they do, a mistake may do as well.
     """
@@ -86,7 +98,7 @@ def like_a_mistake(own: Alternative) -> bool:
     )
 
 
-def _feels_the_weight(own: Alternative) -> bool:
+def _feels_the_weight(own: Answer) -> bool:
     """Whether a force that depends on motion is in an answer: what the weight does through it nothing else shows, and
     another effect may stand for what the weight does not do as stated.
     """
@@ -102,7 +114,7 @@ class _Reach(NamedTuple):
     """Of the cost of the data that counts."""
 
     @classmethod
-    def of(cls, answer: Alternative, noise: Noise) -> "_Reach":
+    def of(cls, answer: Answer, noise: Noise) -> "_Reach":
         """Of an answer."""
         selection = answer.selection
         own = score(selection.contest, selection.known[selection.present], noise, normalised=False)
@@ -121,6 +133,8 @@ class _Reach(NamedTuple):
 class Doubts(NamedTuple):
     """Changes that an answer beside what is stated is raced against."""
 
+    contest: Contest
+    """Beside what is stated."""
     changes: list[Change]
     screened: list[Screened]
     """The changes with all linear effects, where they were fitted already."""
@@ -129,17 +143,14 @@ class Doubts(NamedTuple):
     always: bool
     progress: Progress
 
-    def race(self, own: Alternative, share: float, *, unfinished: bool = False) -> Race:
-        """An answer, and changes near it. **Arguments:** ``share``: linearisations for each change; ``unfinished``:
-        whether the answer's search is to be, where no change is ahead, with what they leave.
-        """
+    def race(self, own: Answer, share: float | int) -> MistakeRace:
+        """An answer, and changes near it. **Arguments:** ``share``: linearisations for each change."""
         contest, screened = own.selection.contest, self.screened
         doubtful = self.always or misses(own) or like_a_mistake(own)
-        doubted = (
-            self.changes if doubtful else [one for one in self.changes if one.of_weight and _feels_the_weight(own)]
-        )
+        of_weight = [one for one in self.changes if one.of_weight and _feels_the_weight(own)]
+        doubted = self.changes if doubtful else of_weight
         if contest.budget.exhausted or not (doubted or screened):
-            return Race((own,), tried=bool(screened))
+            return self.ranked([own], ())._replace(tried=bool(screened))
         noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
         stated = self.stated or screen(Change(None, contest), noise)
         if not screened:
@@ -147,24 +158,31 @@ class Doubts(NamedTuple):
             hopeless = _Reach.of(own, noise).hopeless
             screened = [screen(change, noise, hopeless=hopeless) for change in doubted]
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
-        if unfinished:
+        if own.cut_off:
             share = contest.budget.left / max(1, len(near))
-        found, cut_off = with_near(own, near, noise, self.most, self.progress, share=share)
-        if unfinished and max(found, key=lambda one: one.score) is own:
-            again = begin(contest, known=own.selection.known, progress=self.progress)
-            found[0] = alternative(None, select(again, self.most, progress=self.progress))
-        return race_of(found, cut_off)
+        return self.ranked(*with_near(own, near, noise, self.most, self.progress, share=share))
+
+    def ranked(self, found: list[Answer], cut_off: tuple[Mistake, ...]) -> MistakeRace:
+        """What was found, the search of the best finished if it was cut off; with the effects of the best change beside
+        what is stated.
+        """
+        best = max(found, key=lambda one: one.score)
+        if best.cut_off and not best.selection.contest.budget.exhausted:
+            found[found.index(best)] = best.finished(self.most, self.progress)
+        every = sorted([*found, *_as_stated_too(found)], key=lambda one: -one.score)
+        best = every[0]._replace(selection=every[0].selection.among(self.contest.candidates))
+        return MistakeRace((best, *every[1:]), cut_off=tuple(mistake for mistake in cut_off if mistake != best.mistake))
 
 
 def with_near(
-    first: Alternative,
+    first: Answer,
     near: list[Screened],
     noise: Noise,
     most: int,
     progress: Progress,
     *,
     share: float | int = math.inf,
-) -> tuple[list[Alternative], tuple[Mistake, ...]]:
+) -> tuple[list[Answer], tuple[Mistake, ...]]:
     """An answer, and changes searched, the nearest first, until the next is out of reach of what was found; and those
     that were cut off. **Arguments:** ``share``: linearisations for each of them.
     """
@@ -181,7 +199,7 @@ def with_near(
                 cut_off.append(one.change.mistake)
         if other is None:
             continue
-        # Of an unknown noise each alternative has its own, and the score counts it.
+        # Of an unknown noise each has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
             if other.score > max(answer.score for answer in found):
                 share = min(share, budget.spent - before)
@@ -190,14 +208,7 @@ def with_near(
     return found, tuple(cut_off)
 
 
-def race_of(found: list[Alternative], cut_off: tuple[Mistake, ...]) -> Race:
-    """The race of what was found, with the effects of the best change beside what is stated."""
-    every = [*found, *_as_stated_too(found)]
-    ranked = tuple(sorted(every, key=lambda one: -one.score))
-    return Race(ranked, cut_off=tuple(mistake for mistake in cut_off if mistake != ranked[0].mistake))
-
-
-def _as_stated_too(found: list[Alternative]) -> list[Alternative]:
+def _as_stated_too(found: list[Answer]) -> list[Answer]:
     """The effects of the best, if that is a change, beside what is stated: their search may have gone another way, and
     they may do as well without the change.
     """
@@ -212,10 +223,10 @@ def _as_stated_too(found: list[Alternative]) -> list[Alternative]:
     likely = score(own.contest, there, answer.noise) if there.balanced else -math.inf
     if likely < best.score - TIE:
         return []
-    return [Alternative(None, retold(own, effects, fitted), likely, own.contest.misfit_left(there))]
+    return [Answer(None, retold(own, effects, fitted), 0.0, likely, own.contest.misfit_left(there), cut_off=False)]
 
 
-def searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Alternative | None:
+def searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Answer | None:
     """A change, begun with what holds of all linear effects beside it, if they do. **Arguments:** ``holds``: whether an
     answer holds; **returns** nothing where no set beside forces that depend on motion does then.
     """
@@ -227,11 +238,12 @@ def searched(one: Screened, most: int, progress: Progress, *, holds: bool = Fals
         begun = with_set(begun, most, {one.beside: one.end})
         if holds and one.beside and begun.contest.tried_exactly and not begun.holds:
             return None
-    return alternative(change.mistake, select(begun, most), change.log_odds)
+    selection = select(begun, most)
+    return Answer.of(change.mistake, selection, change.log_odds, cut_off=change.contest.budget.exhausted)
 
 
 def near_changes(
-    own: Alternative, stated: Screened, screened: list[Screened], noise: Noise, *, beside_forces: bool = True
+    own: Answer, stated: Screened, screened: list[Screened], noise: Noise, *, beside_forces: bool = True
 ) -> list[Screened]:
     """Changes that may do as well as the answer. If that holds within the noise: those with which all linear effects,
     and its forces that depend on motion, cost no more than it does with its prior; nothing else need be beside them.
