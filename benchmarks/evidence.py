@@ -127,7 +127,9 @@ class Integrand:
         density += 0.5 * count * math.log(2.0 * math.pi)
         points = np.tile(self.best.point, (len(steps), 1))
         points[:, self.free] = self.centre + steps @ self.root.T
-        found = self._at([Point(point, None) for point in points]) if self.best.motions is None else self._timed(points)
+        found = (
+            self._at([Point(point, None) for point in points]) if self.best.motions is None else self._coupled(points)
+        )
         logs = np.array([self.log_prior(point[self.free]) for point in points]) - density
         return np.array([NEVER if fit is None else log - fit for log, fit in zip(logs, found, strict=True)])
 
@@ -141,7 +143,7 @@ class Integrand:
             costs.append(fit.cost if steady and one.finite else None)
         return costs
 
-    def _timed(self, points: np.ndarray) -> list[float | None]:
+    def _coupled(self, points: np.ndarray) -> list[float | None]:
         """The same at motions that balance, looked for from those of the optimum."""
         begun = [Point(point, self.best.motions, True) for point in points]
         here = self.lin.at(begun, [np.zeros(0, int)] * len(points))

@@ -45,7 +45,7 @@ from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.space import Space
-from rotorjax.physics.steady_state import timed_vectors
+from rotorjax.physics.steady_state import coupled_vectors
 
 import drawn_effects
 import drawn_forces
@@ -168,7 +168,7 @@ def searched(model: Model, measurement: Measurement, wide: int) -> np.ndarray:
     """Motions that balance, each found with nothing known: case x direction x coefficient, the last filled up with
     zeros.
     """
-    one = jax.jit(lambda condition: timed_vectors(model, condition)[1].coefficients)
+    one = jax.jit(lambda condition: coupled_vectors(model, condition)[1].coefficients)
     conditions = measurement.conditions
     found = np.stack([one(jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(len(measurement.run))])
     return np.pad(found, [(0, 0), (0, 0), (0, wide - found.shape[-1])])

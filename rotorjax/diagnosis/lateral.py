@@ -12,7 +12,7 @@ from rotorjax.inference.whirl_modes import ROUNDING, RotorInTime
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.stability import SELF_EXCITING
-from rotorjax.physics.steady_state import is_timed
+from rotorjax.physics.steady_state import is_coupled
 from rotorjax.units import MICROMETRE, RPM
 
 SPEEDS = 201
@@ -116,11 +116,11 @@ def lateral(model: Model, measurement: Measurement) -> Lateral:
     **Source:** API RP 684 (2005); API Standard 617, 7th edition (2002), chapter 1, section 2.6.
     """
     model = model if model.layout.orders == (1.0,) else model.with_orders((1.0,))
-    speeds, timed, found = SpeedRange.of(measurement), is_timed(model), critical_speeds(model)
-    if found and not timed:
+    speeds, coupled, found = SpeedRange.of(measurement), is_coupled(model), critical_speeds(model)
+    if found and not coupled:
         found = _with_amplitudes(found, model, measurement.probes_read)
     driven = any(effect.name in SELF_EXCITING for effect in model.effects)
-    return Lateral(speeds, found, stability(model, speeds), timed, driven)
+    return Lateral(speeds, found, stability(model, speeds), coupled, driven)
 
 
 def _with_amplitudes(

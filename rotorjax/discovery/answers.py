@@ -102,7 +102,7 @@ def _feels_the_weight(own: Answer) -> bool:
     """Whether a force that depends on motion is in an answer: what the weight does through it nothing else shows, and
     another effect may stand for what the weight does not do as stated.
     """
-    return bool(own.selection.present & own.selection.contest.dear)
+    return bool(own.selection.present & own.selection.contest.costly)
 
 
 class _Reach(NamedTuple):
@@ -250,7 +250,7 @@ def near_changes(
     Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count for
     all changes, or only for those of the weight, which nothing else feels.
     """
-    contest, costly = own.selection.contest, own.selection.contest.dear
+    contest, costly = own.selection.contest, own.selection.contest.costly
     answer = own.selection.known[own.selection.present]
     beside = answer.effects & costly
     if misses(own) or contest.floor.scatter != noise.scatter:

@@ -87,9 +87,9 @@ class Contest:
     """Whether the floor may come from forces that depend on motion: it was told without any."""
 
     @cached_property
-    def timed(self) -> Effects:
-        """Effects whose force depends on motion, so that orders are balanced together."""
-        return frozenset(self.space.effects_of(self.space.timed()))
+    def coupled(self) -> Effects:
+        """Effects that couple the orders, which are balanced together: forces that depend on motion, and saturation."""
+        return frozenset(self.space.effects_of(self.space.coupled()))
 
     @cached_property
     def sweeping(self) -> Effects:
@@ -98,14 +98,14 @@ class Contest:
         return frozenset(changing.intersection(self.candidates))
 
     @property
-    def dear(self) -> Effects:
+    def costly(self) -> Effects:
         """Effects that cost many times as much as others: forces that depend on motion, and a sweep."""
-        return self.timed | self.sweeping
+        return self.coupled | self.sweeping
 
     @property
     def linear(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of all candidates but those, and what is declared uncertain."""
-        return self.free(frozenset(self.candidates) - self.dear)
+        return self.free(frozenset(self.candidates) - self.costly)
 
     @property
     def tried_exactly(self) -> bool:
@@ -119,7 +119,7 @@ class Contest:
         """Of every effect whose force depends on motion those that it is with some of their parameters at zero: of a
         clearance the rub.
         """
-        labels = {name: {e.label for e in self.space.entries if e.effect == name} for name in self.timed}
+        labels = {name: {e.label for e in self.space.entries if e.effect == name} for name in self.coupled}
         return {one: frozenset(other for other in labels if labels[one] < labels[other]) for one in labels}
 
     def is_special_case(self, one: Effects, other: Effects) -> bool:
@@ -144,8 +144,8 @@ class Contest:
 
         Each such force costs as much as a hundred linear effects.
         """
-        timed, allowed = self.timed, chosen | frozenset(near)
-        return [h for h in sets if h & timed <= allowed and len(h & timed) <= max(1, len(chosen & timed))]
+        coupled, allowed = self.coupled, chosen | frozenset(near)
+        return [h for h in sets if h & coupled <= allowed and len(h & coupled) <= max(1, len(chosen & coupled))]
 
     def only_of(self, effects: Iterable[str]) -> Bool[np.ndarray, "param"]:
         """Unknowns of these effects alone."""

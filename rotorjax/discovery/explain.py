@@ -89,7 +89,7 @@ def explain(  # noqa: PLR0913
     telling = Telling(progress, limit)
     telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
-    if contest.timed & {*candidates, *(e.name for e in full.effects)}:
+    if contest.coupled & {*candidates, *(e.name for e in full.effects)}:
         make_programs_ahead(contest.space, kept, missing_force=thorough)
     stated = _as_stated(contest, full)
     written = race_of_mistakes(contest, kinds, max_effects, catalog, told, always=mistakes is True)
@@ -137,7 +137,7 @@ def _as_stated(contest: Contest, model: Model) -> Comparison:
     """The model as declared against the measurement, whatever was measured."""
     m = contest.measurement
     given = contest.space.given_unknowns()
-    if np.any(contest.space.timed() & (given != 0.0)):
+    if np.any(contest.space.coupled() & (given != 0.0)):
         return compare(model, m)
     declared = predict(contest.space, m.conditions, given, budget=contest.budget).shown
     require_steady(declared, m)

@@ -119,7 +119,7 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
     Looked at before a second effect is, and before any misfit is allowed for: beside a wrong weight forces are added
     without end.
     """
-    forces = [frozenset({name}) for name in begun.contest.candidates if name in begun.contest.timed]
+    forces = [frozenset({name}) for name in begun.contest.candidates if name in begun.contest.coupled]
     if not weights or not forces:
         return []
     progress("whether the weight of the rotor was written down wrongly")

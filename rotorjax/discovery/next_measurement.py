@@ -17,7 +17,7 @@ from rotorjax.inference.faults import fault_sensitivity
 from rotorjax.inference.noise import LEAST_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.conditions import Conditions
-from rotorjax.physics.steady_state import without_timed
+from rotorjax.physics.steady_state import without_coupling
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 SPEEDS = 41
@@ -106,7 +106,7 @@ def next_measurement(
 def _clear_of_resonances(
     contest: Contest, speeds: Float[np.ndarray, "case"], ends: tuple[End, End]
 ) -> Bool[np.ndarray, "case"]:
-    models = [without_timed(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
+    models = [without_coupling(contest.space.model_at(end.point)).with_orders((1.0,)) for end in ends]
     peaks = np.concatenate([critical_speeds_rpm(model) for model in models])
     return np.all(np.abs(speeds[:, None] / peaks - 1.0) > NEAR_PEAK, axis=1)
 

@@ -43,7 +43,7 @@ def race(
     measured, too: those that balanced where much was allowed for misfit may lie beyond a wall; ``hopeless``: cost with
     which a descent does not go on.
     """
-    further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.timed}
+    further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.coupled}
     every = list(dict.fromkeys(hypotheses))
     stands = [] if afresh else [e for e in every if e in known and known[e].fitted_under(noise) and e not in further]
     if not contest.budget.exhausted:
@@ -75,7 +75,7 @@ def _special_cases(contest: Contest, sets: Iterable[Effects], known: Known, nois
     """
     found: Known = {}
     for effects in sets:
-        for name in sorted(effects & contest.timed):
+        for name in sorted(effects & contest.coupled):
             for general in sorted(contest.containing[name] - effects):
                 other = known.get(effects - {name} | {general})
                 if other is None or not other.fitted_under(noise):
@@ -131,7 +131,7 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
     """
     if effects in known:
         ends = known[effects].ends
-        again = [Start(end.point) for end in ends] if afresh and effects & contest.timed else []
+        again = [Start(end.point) for end in ends] if afresh and effects & contest.coupled else []
         return [Start.at(end) for end in ends] + again
     near = sorted(
         (contender for other, contender in known.items() if len(effects ^ other) <= 2),
@@ -140,7 +140,7 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
     # From one farther, or far behind, nothing is found that is not found from the first.
     parents = [
         parent
-        for parent in near[: 1 if effects & contest.timed else MOST_PARENTS]
+        for parent in near[: 1 if effects & contest.coupled else MOST_PARENTS]
         if len(effects ^ parent.effects) == len(effects ^ near[0].effects)
         and not parent.log_evidence < near[0].log_evidence - HOPELESS
     ]
@@ -148,12 +148,12 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
     for parent in parents:
         # Where a force is gone that the motion depended on, those that stay have sizes to be found anew.
         changed = (effects - parent.effects) | (
-            effects & contest.timed if (parent.effects - effects) & contest.timed else frozenset()
+            effects & contest.coupled if (parent.effects - effects) & contest.coupled else frozenset()
         )
         new = contest.only_of(changed)
         here = np.where(mask, parent.best.point, contest.space.given_unknowns())
         # A parent's motion is near unless a force, whose size is to be found first, changes it.
-        same = Start.at(parent.best) if not (effects ^ parent.effects) & contest.timed else Start(here)
+        same = Start.at(parent.best) if not (effects ^ parent.effects) & contest.coupled else Start(here)
         declared = declared_starts(contest.space, new, contest.measurement.reach)
         starts += [same._replace(point=np.where(new & (start != 0.0), start, here)) for start in declared]
     starts = starts or starts_at(declared_starts(contest.space, mask, contest.measurement.reach))
@@ -320,7 +320,7 @@ def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
     if not contest.tried_exactly:
         return Exact({}, None)
     linear = contest.floor == NO_NOISE and contest.linear_may_hold
-    possible = [effects for effects in wanted if linear or effects & contest.timed]
+    possible = [effects for effects in wanted if linear or effects & contest.coupled]
     contest = dataclasses.replace(contest, floor=NO_NOISE)
     first = exact_of(contest, possible, known)
     if first.leader is None:

@@ -12,10 +12,11 @@ import numpy as np
 
 from rotorjax.data.declarations import OF_READING, OF_WEIGHT, Mistake
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
+from rotorjax.discovery.race import race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
 from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
-from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, Manner
+from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
@@ -26,8 +27,9 @@ depend on motion; mistakes left 0.03 to 0.07.
 """
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
-BESIDE_FORCES = QUICK._replace(most_steps=8, again=False)
-"""The same beside forces that depend on motion."""
+BESIDE_FORCES = QUICK._replace(most_steps=16, again=False)
+"""The same beside forces that depend on motion, as many steps as motions need to balance: before, a cost says little.
+"""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
 
@@ -62,7 +64,7 @@ class Change(NamedTuple):
         if self.mistake is not None and self.mistake.kind in OF_READING:
             errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
             return [Start(np.where(errors, space.given_unknowns(), own.best.point))]
-        costly = self.contest.only_of(own.effects & self.contest.dear)
+        costly = self.contest.only_of(own.effects & self.contest.costly)
         return starts_at(np.stack([level.end.point, np.where(costly, own.best.point, space.given_unknowns())]))
 
     def without(self, effects: Effects) -> "Change":
@@ -82,7 +84,7 @@ class Screened(NamedTuple):
         """What else is in the fit: forces that depend on motion, and a sweep."""
         contest = self.change.contest
         free = np.isin(np.arange(len(self.end.point)), self.end.free)
-        return frozenset(contest.space.effects_of(free)) & contest.dear
+        return frozenset(contest.space.effects_of(free)) & contest.costly
 
     def without(self, effects: Effects) -> "Screened":
         """The same with none of these effects beside the change when that is searched."""
@@ -149,7 +151,7 @@ def screen(
     contest = change.contest
     free = contest.linear | contest.only_of(also)
     if own is not None:
-        free = free | contest.only_of(own.effects & contest.dear)
+        free = free | contest.only_of(own.effects & contest.costly)
     starts = starts or starts_at(contest.space.given_unknowns()[None])
     data, training = contest.data(noise, starts[0].point), np.tile(contest.training, (len(starts), 1))
     budget = contest.budget
@@ -160,17 +162,29 @@ def screen(
 def beside_answer(
     stated: Screened, changes: Collection[Screened], own: Contender, noise: Noise, hopeless: float
 ) -> tuple[Screened, list[Screened]]:
-    """All linear effects with the costly ones of an answer, beside what is stated and beside changes: all are begun,
-    and those go on that are not far off the cost with which they are ``hopeless``.
+    """All linear effects with the costly ones of an answer, beside what is stated and beside changes, which do not go
+    on where they promise a cost with which they are ``hopeless``; of a change with which the costly ones alone are not,
+    those alone: few values are found where many may lead astray.
     """
     level, fitted = screen(stated.change, noise, own, starts=[Start.at(own.best)], hopeless=hopeless), list[Screened]()
     for one in changes:
-        starts = one.change.begun_from(level, own)
-        begun = screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless)
-        going_on = begun.end.result == MAX_STEPS and begun.end.cost < hopeless + HOPELESS
-        again = [Start.at(begun.end)]
-        fitted.append(screen(one.change, noise, own, starts=again, hopeless=hopeless) if going_on else begun)
+        alone, starts = _costly_alone(one.change, own, noise, hopeless), one.change.begun_from(level, own)
+        enough = alone.balanced and alone.best.cost < hopeless
+        fitted.append(
+            Screened(one.change, alone.best)
+            if enough
+            else screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless)
+        )
     return level, fitted
+
+
+def _costly_alone(change: Change, own: Contender, noise: Noise, hopeless: float) -> Contender:
+    """The costly effects of an answer beside a change, and nothing else, from where the answer has them."""
+    contest = change.contest
+    effects = own.effects & contest.costly
+    point = np.where(contest.only_of(effects), own.best.point, contest.space.given_unknowns())
+    near = Contender(effects, (own.best._replace(point=point, exact=False),), -math.inf, noise, foreseen=True)
+    return race(contest, noise, [effects], {effects: near}, hopeless=hopeless)[effects]
 
 
 def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, list[Screened], list[Screened]]:

@@ -327,7 +327,7 @@ def _told(
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)
         # Of linear effects the first step tells of all, as they cost little.
-        cheap = frozenset(contest.candidates) - contest.dear if not order and not present & contest.dear else NOTHING
+        cheap = frozenset(contest.candidates) - contest.costly if not (order or present & contest.costly) else NOTHING
         own = [base, *(base | {name} for name in sorted((present | cheap) - base))]
         wanted = _with_one_more(contest, base) if done else own
         # A step of another answer has the effects of that alone.
@@ -360,7 +360,7 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
 def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
     contest, known = selection.contest, {**selection.known, **found}
-    if (present | selection.present) & contest.timed:
+    if (present | selection.present) & contest.coupled:
         contest = with_floor(contest, known[present])
     new = present - set(selection.effects) - set(selection.small)
     slight = (name for name in new if not matters(contest, known[present], name, known[present].noise))

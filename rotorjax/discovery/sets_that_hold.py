@@ -60,7 +60,7 @@ class _Saturated(NamedTuple):
     @classmethod
     def of(cls, contest: Contest, end: End) -> "_Saturated":
         """By the curvature of the cost there."""
-        linear = [name for name in contest.candidates if name not in contest.dear]
+        linear = [name for name in contest.candidates if name not in contest.costly]
         places = {name: np.flatnonzero(contest.only_of([name])[end.free]) for name in linear}
         return cls(end, places, np.linalg.inv(end.curvature))
 
@@ -81,7 +81,7 @@ def beside_all_linear(contest: Contest) -> dict[Effects, End]:
     fit begun.
     """
     given, starts, owner = contest.space.given_unknowns(), [], []
-    for name in (name for name in contest.candidates if name in contest.timed):
+    for name in (name for name in contest.candidates if name in contest.coupled):
         own = contest.only_of([name])
         for start in declared_starts(contest.space, own, contest.measurement.reach):
             starts.append(np.where(own & (start != 0.0), start, given))

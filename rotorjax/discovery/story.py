@@ -19,7 +19,7 @@ from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.physics.stability import steadiness
-from rotorjax.physics.steady_state import is_timed
+from rotorjax.physics.steady_state import is_coupled
 from rotorjax.shown import Reported
 from rotorjax.units import MICROMETRE
 
@@ -151,7 +151,7 @@ def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]
     A force that depends on motion may drive any order, a stop for instance once the rotor reaches it.
     """
     full = model.with_orders(measurement.orders)
-    if is_timed(full):
+    if is_coupled(full):
         return ()
     stirred = full.plus([e.replaced([jnp.full_like(v, 1e-3) for v in e.values()]) for e in full.effects])
     size = np.max(np.abs(np.asarray(response(stirred, measurement.conditions))), axis=(0, 1))

@@ -271,9 +271,9 @@ def _fit_where_open(
 
 def _worth(contest: Contest, effects: Effects, found: Known, winner: Contender) -> bool:
     """Whether a set may do as well: one with a force depending on motion only if a part of it comes near."""
-    timed = contest.timed & effects
-    parts = (c.log_evidence for other, c in found.items() if other < effects and timed & other)
-    return not timed or _near(max(parts, default=math.inf), winner)
+    coupled = contest.coupled & effects
+    parts = (c.log_evidence for other, c in found.items() if other < effects and coupled & other)
+    return not coupled or _near(max(parts, default=math.inf), winner)
 
 
 def _near(log_evidence: float, winner: Contender) -> bool:

@@ -166,16 +166,16 @@ def descend(  # noqa: PLR0913
 
 def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Manner, hopeless: float) -> list[Descent]:
     """All descents to their ends, or until the budget is spent."""
-    timed = [lin.timed(start.point, task.free) for start, task in zip(starts, tasks, strict=True)]
+    coupled = [lin.coupled(start.point, task.free) for start, task in zip(starts, tasks, strict=True)]
     known = [start.motions is not None for start in starts]
     fresh = first_motions(
-        lin, [start.point for start, orders, near in zip(starts, timed, known, strict=True) if orders and not near]
+        lin, [start.point for start, orders, near in zip(starts, coupled, known, strict=True) if orders and not near]
     )
     running = []
     for k, (start, task) in enumerate(zip(starts, tasks, strict=True)):
-        motions = start.motions if known[k] else fresh.pop(0) if timed[k] else None
+        motions = start.motions if known[k] else fresh.pop(0) if coupled[k] else None
         running.append(
-            Descent(lin, task, manner, Point(start.point, motions if timed[k] else None, known[k]), known=known[k])
+            Descent(lin, task, manner, Point(start.point, motions if coupled[k] else None, known[k]), known=known[k])
         )
     rivals = _Rivals.of(running)
     while going := [d for d in running if not d.done]:
@@ -223,7 +223,7 @@ def _linearised(lin: Linearisation, going: list[Descent]) -> list[Linearised]:
     ]
     if astray:
         trials, cases = balanced(lin, [found[k] for k in astray], BALANCED)
-        again = lin.timed_at(trials, [going[k].task.free for k in astray], cases)
+        again = lin.coupled_at(trials, [going[k].task.free for k in astray], cases)
         for k, near, one in zip(astray, cases, again, strict=True):
             found[k] = found[k].with_cases(lin.states, near, one)
     return found

@@ -14,7 +14,7 @@ from rotorjax.inference.linear_rotor import LinearRotor
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
-from rotorjax.physics.steady_state import is_timed
+from rotorjax.physics.steady_state import is_coupled
 
 
 def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:
@@ -32,7 +32,7 @@ def response_to(
     spread[:, 0] = faults[:, :2]
     on_disk = eqx.tree_at(lambda m: m.participation, model, jnp.ones_like(model.participation))
     there = Conditions(conditions.speed, as_array(spread), as_array(faults[:, 2:]), conditions.sweep)
-    return np.asarray(response(on_disk, there)) if is_timed(model) else LinearRotor(on_disk).vectors(there)
+    return np.asarray(response(on_disk, there)) if is_coupled(model) else LinearRotor(on_disk).vectors(there)
 
 
 def installed_faults(model: Model, measurement: Measurement) -> Float[np.ndarray, "run 4"]:

@@ -26,7 +26,7 @@ from rotorjax.physics.planar import Matrix, Vector
 from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.physics.response import linear_vectors
 from rotorjax.physics.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
-from rotorjax.physics.steady_state import Ready, answer, positions, without_timed
+from rotorjax.physics.steady_state import Ready, answer, positions, without_coupling
 from rotorjax.physics.sweep import added_by_sweep
 
 BALANCED_CHUNK = 32
@@ -258,7 +258,7 @@ def _with_slopes(
 
     def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
         def shown(at: Array) -> Array:
-            return vectors(without_timed(space.at(at)), Conditions(*condition))
+            return vectors(without_coupling(space.at(at)), Conditions(*condition))
 
         value, push = jax.linearize(shown, u)
         return value, jax.vmap(push)(jax.nn.one_hot(wanted, len(u), dtype=float))

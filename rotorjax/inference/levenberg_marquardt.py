@@ -45,8 +45,8 @@ class Descent:
     """Whether its motions were brought to balance before their freedom had ended."""
 
     def __post_init__(self) -> None:
-        self.timed = self.trial.motions is not None
-        self.freedom = 0.0 if self.known or not self.timed else self.manner.first_freedom * self._reach()
+        self.coupled = self.trial.motions is not None
+        self.freedom = 0.0 if self.known or not self.coupled else self.manner.first_freedom * self._reach()
         self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
@@ -100,7 +100,7 @@ class Descent:
         """Whether both would step to one optimum without damping: to a standard error, as either tells it. Where there
         are motions to be found, not before a step was seen.
         """
-        ready = self.under_way if self.timed else self.settled
+        ready = self.under_way if self.coupled else self.settled
         if self.here is None or other.here is None or not (ready and other.settled):
             return False
         gap = (self.here.point.unknowns - other.here.point.unknowns)[self.task.free] + self.full - other.full
@@ -154,7 +154,7 @@ class Descent:
         if not math.isfinite(cost) or not (first or cost <= self.cost + self._slack()):
             return False
         self.here, self.normal, self.prior, self.cost = there, normal, prior, cost
-        if self.timed and there.point.refined and self.settled and (self.best is None or cost < self.best[-1]):
+        if self.coupled and there.point.refined and self.settled and (self.best is None or cost < self.best[-1]):
             self.best = there, normal, prior, cost
         return True
 
@@ -192,7 +192,7 @@ class Descent:
     def _arrived(self) -> None:
         """At an end; where orders depend on one another once more with more of them."""
         assert self.here is not None
-        if self.timed and not self.here.point.refined:
+        if self.coupled and not self.here.point.refined:
             self.trial = self.here.point._replace(refined=True)
             self.since = 0
         else:
@@ -207,7 +207,7 @@ class Descent:
         if self.freedom > 0.0:
             self._firmer()
             self.decrement = self._propose()
-        elif balanced and self.timed and not self.here.point.refined:
+        elif balanced and self.coupled and not self.here.point.refined:
             self._arrived()
         else:
             self.done = True
@@ -235,7 +235,7 @@ class Descent:
             self.promised = float(-gradient @ step - 0.5 * step @ hessian @ step)
         unknowns[free] += step
         motions = None
-        if self.timed:
+        if self.coupled:
             motions = self._capped(self.normal.motion_step(step))
         self.trial = Point(unknowns, motions, point.refined)
         return decrement
@@ -263,4 +263,4 @@ class Descent:
     @property
     def exact(self) -> bool:
         """Whether its motions balance, with as many orders as are to be had."""
-        return not self.timed or (self._off() < BALANCED and self.here is not None and self.here.point.refined)
+        return not self.coupled or (self._off() < BALANCED and self.here is not None and self.here.point.refined)

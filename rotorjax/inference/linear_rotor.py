@@ -24,7 +24,7 @@ from rotorjax.physics.assembly import true_speed
 from rotorjax.physics.harmonic_balance import grid_of, to_real
 from rotorjax.physics.planar import Vector
 from rotorjax.physics.response import linear_vectors
-from rotorjax.physics.steady_state import by_order, in_space, positions, without_timed
+from rotorjax.physics.steady_state import by_order, in_space, positions, without_coupling
 from rotorjax.physics.sweep import added_by_sweep
 
 
@@ -45,7 +45,7 @@ def in_linear_company(model: Model) -> Model:
     then the same for every model.
     """
     linear = (cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect))
-    return without_timed(model).in_company(linear)
+    return without_coupling(model).in_company(linear)
 
 
 class LinearRotor:

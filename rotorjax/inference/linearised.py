@@ -185,7 +185,7 @@ class Linearisation:
     def __init__(self, space: Space, data: Data, budget: Budget) -> None:
         self.space, self.data, self.budget = space, data, budget
         self.kernels = kernels_of(space)
-        self._timed, model = space.timed(), space.model
+        self._coupled, model = space.coupled(), space.model
         self.states = States.of(data, None if model.slow_roll is None else float(model.slow_roll))
         order = np.concatenate([[0.0], np.repeat(self.kernels.grid.order_array[1:], 2)])
         stiffness, mass = float(np.mean(np.asarray(model.rotor.stiffness))), float(model.rotor.mass)
@@ -210,9 +210,9 @@ class Linearisation:
     def at(self, points: Sequence[Point], free: Sequence[Int[np.ndarray, "_"]]) -> list[Linearised]:
         """Linearise at every point, by the unknowns that are free there."""
         found: list[Linearised | None] = [None] * len(points)
-        timed = [k for k, point in enumerate(points) if point.motions is not None]
+        coupled = [k for k, point in enumerate(points) if point.motions is not None]
         plain = [k for k, point in enumerate(points) if point.motions is None]
-        for group, linearise in ((plain, self._plain), (timed, self.timed_at)):
+        for group, linearise in ((plain, self._plain), (coupled, self.coupled_at)):
             if group:
                 for k, one in zip(group, linearise([points[k] for k in group], [free[k] for k in group]), strict=True):
                     found[k] = one
@@ -269,7 +269,7 @@ class Linearisation:
             found.append(self._held_against(task, read, by_free, None))
         return found
 
-    def timed_at(
+    def coupled_at(
         self,
         points: Sequence[Point],
         free: Sequence[Int[np.ndarray, "_"]],
@@ -357,9 +357,9 @@ class Linearisation:
         motions[..., : self.kernels.coefficients] += step.reshape(*motions.shape[:2], -1)
         return motions
 
-    def timed(self, unknowns: Float[np.ndarray, "param"], free: Int[np.ndarray, "free"]) -> bool:
+    def coupled(self, unknowns: Float[np.ndarray, "param"], free: Int[np.ndarray, "free"]) -> bool:
         """Whether orders depend on one another."""
-        return bool(np.any(self._timed[free]) or np.any(self._timed & (unknowns != 0.0)))
+        return bool(np.any(self._coupled[free]) or np.any(self._coupled & (unknowns != 0.0)))
 
 
 def _replaced(old: np.ndarray, cases: np.ndarray, new: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ def first_motions(
     A change that goes along with the motion of its order, in both directions alike, counts least: where one direction
     is not seen, a force that makes the other larger or smaller does the same to it.
     """
-    plain = [np.where(lin.space.timed(), 0.0, point) for point in points]
+    plain = [np.where(lin.space.coupled(), 0.0, point) for point in points]
     distinct = list({point.tobytes(): point for point in plain}.values())
     if not distinct:
         return []

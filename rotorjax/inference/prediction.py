@@ -63,7 +63,7 @@ def predict(
     layout = space.model.layout
     lin = Linearisation(space, conditions_data(conditions, len(layout.probes), len(layout.orders)), budget)
     wanted = np.zeros(0, int) if free is None else free
-    if not lin.timed(point, np.zeros(0, int)):
+    if not lin.coupled(point, np.zeros(0, int)):
         (one,) = lin.at([Point(point, None)], [wanted])
         return Prediction(lin.vectors(one.shown), one.slopes)
     starts = []
@@ -102,7 +102,7 @@ def _nearest(wanted: States, known: States) -> Int[np.ndarray, "state"]:
 
 
 def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Float[np.ndarray, "state dof wide"]:
-    plain = np.where(lin.space.timed(), 0.0, point)
+    plain = np.where(lin.space.coupled(), 0.0, point)
     (one,) = lin.at([Point(plain, lin.at_rest)], [np.zeros(0, int)])
     assert one.freedom is not None
     return lin.moved(one, -one.freedom.newton)

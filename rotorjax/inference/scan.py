@@ -36,12 +36,12 @@ def scan(
 
     **Arguments:** ``point``: values of all other unknowns.
     """
-    strength = free[lin.space.timed()[free]]
+    strength = free[lin.space.coupled()[free]]
     if len(strength) != 1:
         return None
     none, best, found = np.zeros(0, int), math.inf, None
     judged = lin.states.seen_in(np.flatnonzero(training))
-    plain = np.where(lin.space.timed(), 0.0, point)
+    plain = np.where(lin.space.coupled(), 0.0, point)
     (rest,) = lin.at([Point(plain, lin.at_rest)], [none])
     assert rest.freedom is not None
     for sign in (1.0, -1.0):

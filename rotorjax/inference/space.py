@@ -140,7 +140,7 @@ class Space:
         """Unknowns at which the entries have the values that the model came with."""
         return _given_unknowns(self).copy()
 
-    def timed(self) -> Bool[np.ndarray, "param"]:
+    def coupled(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects that make the orders depend on one another."""
         return self._of_kind(RestoringEffect | WaveformEffect)
 
@@ -148,7 +148,7 @@ class Space:
         """Whether no such effect is there: what is shown is then linear in what is installed."""
         there = np.asarray(point) != 0.0
         there[np.asarray(self.unknown)[np.asarray(self.centre) != 0.0]] = True
-        return not np.any(self.timed() & there)
+        return not np.any(self.coupled() & there)
 
     def sweeping(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects by which the speed changes."""

@@ -17,7 +17,7 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import Chain, assemble, point_at, true_speed
-from rotorjax.physics.steady_state import is_timed, timed_vectors, without_timed
+from rotorjax.physics.steady_state import coupled_vectors, is_coupled, without_coupling
 from rotorjax.physics.sweep import added_by_sweep, sweeps
 
 TOGETHER = 4
@@ -38,15 +38,15 @@ def linear_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe
     return jax.vmap(at_order, out_axes=1)(orders, jnp.arange(len(orders)))
 
 
-def _timed_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
-    return timed_vectors(model, condition)[0]
+def _coupled_vectors(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
+    return coupled_vectors(model, condition)[0]
 
 
 def _case(
     model: Model, condition: Conditions, vectors_of: Callable[[Model, Conditions], Complex[Array, "probe order"]]
 ) -> Complex[Array, "probe order"]:
     """One case, less what it shows at slow roll where that was subtracted, and with what a sweep adds."""
-    added = added_by_sweep(without_timed(model), condition) if sweeps(model, condition) else 0.0
+    added = added_by_sweep(without_coupling(model), condition) if sweeps(model, condition) else 0.0
     condition = dataclasses.replace(condition, sweep=None)
     if model.slow_roll is None:
         return vectors_of(model, condition) + added
@@ -57,7 +57,7 @@ def _case(
 
 def vectors(model: Model, conditions: Conditions) -> Complex[Array, "case probe order"]:
     """`response` without its own compilation, for use inside other compiled functions."""
-    of_case = _timed_vectors if is_timed(model) else linear_vectors
+    of_case = _coupled_vectors if is_coupled(model) else linear_vectors
     if of_case is linear_vectors:
         return jax.vmap(lambda condition: _case(model, condition, of_case))(conditions)
     return _by_few(lambda condition: _case(model, condition, of_case), conditions)

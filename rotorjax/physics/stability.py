@@ -196,16 +196,16 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     stiffnesses Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3.
     """
     model = model if isinstance(model, Model) else Model(model)
-    found, timed = steady_states_found(model, conditions), bool(restoring(model))
+    found, coupled = steady_states_found(model, conditions), bool(restoring(model))
     cases = _cases(found)
     others: tuple[tuple[SteadyState, ...], ...] = ((),) * len(cases)
-    if timed:
+    if coupled:
         grid = grid_of(model)
         others = tuple(case.others(grid) for case in _settling(model, conditions, found, cases))
     good = np.array([case.there(0) for case in cases], bool)
     multiplier = np.where(good, np.array([case.multipliers[0] for case in cases]), np.nan)
     result = np.where(
-        good, np.where(multiplier > 1.0 + (GROWTH if timed else LINEAR_GROWTH), UNSTABLE, BALANCED), NOT_BALANCED
+        good, np.where(multiplier > 1.0 + (GROWTH if coupled else LINEAR_GROWTH), UNSTABLE, BALANCED), NOT_BALANCED
     )
     return SteadyStates(np.asarray(conditions.speed), np.asarray(found.vectors)[:, 0], result, multiplier, others)
 

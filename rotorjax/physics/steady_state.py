@@ -47,12 +47,12 @@ FRACTION = ((0.2, 0.06), (0.12, -0.16))
 """
 
 
-def is_timed(model: Model) -> bool:
+def is_coupled(model: Model) -> bool:
     """Whether the orders of a model depend on one another."""
     return any(isinstance(e, RestoringEffect | WaveformEffect) for e in model.effects)
 
 
-def without_timed(model: Model) -> Model:
+def without_coupling(model: Model) -> Model:
     """The model without restoring forces and bent waveforms."""
     return model.without(*(e.name for e in model.effects if isinstance(e, RestoringEffect | WaveformEffect)))
 
@@ -224,7 +224,7 @@ class Ready(NamedTuple):
         return read(bends_of(self.model)[1], self.grid, positions(orders, self.grid), self.sensed(motion))
 
 
-def timed_vectors(model: Model, condition: Conditions) -> tuple[Complex[Array, "probe order"], Balance]:
+def coupled_vectors(model: Model, condition: Conditions) -> tuple[Complex[Array, "probe order"], Balance]:
     """Vectors of one case by harmonic balance, and the balance itself."""
     ready = Ready.of(model, condition)
     whole, condition, grid, assembled, chain = ready

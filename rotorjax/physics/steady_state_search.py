@@ -23,7 +23,7 @@ from rotorjax.physics.floquet import monodromy, slopes_at_gauss_points
 from rotorjax.physics.harmonic_balance import Coefficients, in_full, make_grid, settled, to_complex, to_real
 from rotorjax.physics.response import TOGETHER, vectors
 from rotorjax.physics.restoring_forces import restoring
-from rotorjax.physics.steady_state import Ready, by_order, fraction_push, timed_vectors
+from rotorjax.physics.steady_state import Ready, by_order, coupled_vectors, fraction_push
 from rotorjax.physics.time_integration import Linear, linear_in_time, reached
 
 SWEEPS = (0.6, 1.5)
@@ -131,7 +131,7 @@ def _balanced(model: Model, condition: Conditions) -> Found:
     """Steady states of a case with forces that depend on motion."""
     extra = jnp.zeros((0,)) if model.slow_roll is None else model.slow_roll[None]
     speeds = jnp.concatenate([condition.speed[None], _shares(model, condition) * condition.speed, extra])
-    shown, found = jax.vmap(lambda speed: timed_vectors(model, _at(condition, speed)))(speeds)
+    shown, found = jax.vmap(lambda speed: coupled_vectors(model, _at(condition, speed)))(speeds)
     rolling = jnp.zeros_like(shown[0]) if model.slow_roll is None else shown[-1]
     motions = jnp.concatenate(
         [found.coefficients[:1], _followed(model, condition, found.coefficients[1:3], found.coefficients[0])]

@@ -151,9 +151,9 @@ def test_weight_to_the_side_opens_a_crack_elsewhere():
     assert_same(balanced([effect], aside), dataclasses.replace(PLAIN, gravity=aside, forces=(force,)), SMOOTH)
 
 
-def test_every_timed_effect_is_checked():
-    timed = {name for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)}
-    assert timed == set(CASES) | {"probe_saturation"}
+def test_every_coupled_effect_is_checked():
+    coupled = {name for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)}
+    assert coupled == set(CASES) | {"probe_saturation"}
 
 
 NULLS = [cls() for cls in effects.CATALOG.values() if issubclass(cls, RestoringEffect | WaveformEffect)]

@@ -108,10 +108,10 @@ def test_no_effect_and_speed_error():
 
 
 def test_every_catalogue_effect_is_checked():
-    timed = {
+    coupled = {
         name for name, cls in effects.CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)
     }  # test_harmonic_balance.py
-    elsewhere = timed | {"speed_error", "plane_participation", "sweep_rate"}  # test_sweep.py
+    elsewhere = coupled | {"speed_error", "plane_participation", "sweep_rate"}  # test_sweep.py
     assert set(CASES) | elsewhere == set(effects.CATALOG)
 
 

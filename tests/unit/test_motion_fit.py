@@ -28,7 +28,7 @@ from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.scan import scan
 from rotorjax.inference.space import Space, make_space
-from rotorjax.physics.steady_state import Ready, without_timed
+from rotorjax.physics.steady_state import Ready, without_coupling
 from rotorjax.physics.sweep import added_by_sweep
 
 import hidden
@@ -77,7 +77,7 @@ def test_without_forces_on_the_motion_one_step_is_exact(spring):
         np.testing.assert_allclose(balanced.shown, plain.shown, rtol=1e-9, atol=1e-16)
         np.testing.assert_allclose(balanced.slopes, plain.slopes, rtol=1e-7, atol=1e-7 * np.abs(plain.slopes).max())
         few = np.arange(0, lin.cases, 3)
-        (part,) = lin.timed_at([Point(point, anywhere)], [free], [few])
+        (part,) = lin.coupled_at([Point(point, anywhere)], [free], [few])
         np.testing.assert_allclose(part.shown, off.shown[few], rtol=1e-12, atol=1e-18)
         # At slow roll, once for each set of weights.
         weights = np.unique(measurement.run) if slow_roll else ()
@@ -260,7 +260,7 @@ def test_equations_of_the_kernel_are_those_of_the_response(orders):
 
     def along(u, q):
         ready = Ready.of(space.at(u), condition)
-        shown = ready.shown(q, orders) + added_by_sweep(without_timed(space.at(u)), condition)
+        shown = ready.shown(q, orders) + added_by_sweep(without_coupling(space.at(u)), condition)
         both = real_pair(shown).ravel(), (ready.system.lacking(q) + ready.system.force(q)).ravel()
         return both, both
 
