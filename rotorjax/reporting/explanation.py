@@ -212,19 +212,24 @@ def ranking_tables(found: Explanation) -> list[Table]:
         ]
         beside = f"beside {said(there)}" if there else "in the model as declared"
         rows = [[r.effect, percent(r.probability), number(found.chi2(r))] for r in _shown(ranked)]
-        note = _not_fitted(found, step) if step < len(found.effects) else _why_stopped(found, ranked)
+        stopped = [_why_stopped(found, ranked)] if step == len(found.effects) else []
+        note = " ".join([*stopped, *_not_fitted(found, step)])
         headers = ["effect", "probability", CHI2]
         tables.append(Table(f"What is missing {beside}", headers, rows, note, spare=[CHI2]))
     return tables
 
 
-def _not_fitted(found: Explanation, step: int) -> str:
-    fitted = frozenset().union(*found.races[step].contenders)
-    if fitted >= {*found.contest.candidates}:
-        return ""
-    sweep = " and a changing speed" if found.contest.sweeping - fitted else ""
-    words = f"forces that depend on motion{sweep}" if fitted - {*found.effects} else "others"
-    return f"The effects of the answer were found together: {words} were not fitted at this step."
+def _not_fitted(found: Explanation, step: int) -> list[str]:
+    """What was not tried at a step, as where effects are found together, or beside a mistake."""
+    contest, fitted = found.contest, frozenset().union(*found.races[step].contenders)
+    missing = frozenset(contest.candidates) - fitted
+    kinds = (
+        ("other linear effects", missing - contest.costly),
+        ("forces that depend on motion", missing & contest.coupled),
+        ("a changing speed", missing & contest.sweeping),
+    )
+    words = [kind for kind, some in kinds if some]
+    return [f"Not fitted at this step: {listed(words)}."] if words else []
 
 
 def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
