@@ -166,12 +166,12 @@ class Doubts(NamedTuple):
         """What was found, the search of the best finished if it was cut off; with the effects of the best change beside
         what is stated.
         """
-        best = max(found, key=lambda one: one.score)
-        if best.cut_off and not best.selection.contest.budget.exhausted:
-            found[found.index(best)] = best.finished(self.most, self.progress)
-        every = sorted([*found, *_as_stated_too(found)], key=lambda one: -one.score)
-        best = every[0]._replace(selection=every[0].selection.among(self.contest.candidates))
-        return MistakeRace((best, *every[1:]), cut_off=tuple(mistake for mistake in cut_off if mistake != best.mistake))
+        leader = max(found, key=lambda one: one.score)
+        if leader.cut_off and not self.contest.budget.exhausted:
+            found = [one.finished(self.most, self.progress) if one is leader else one for one in found]
+        best, *others = sorted([*found, *_as_stated_too(found)], key=lambda one: -one.score)
+        best = best._replace(selection=best.selection.among(self.contest.candidates))
+        return MistakeRace((best, *others), cut_off=tuple(mistake for mistake in cut_off if mistake != best.mistake))
 
 
 def with_near(

@@ -168,13 +168,12 @@ def beside_answer(
     """
     level, fitted = screen(stated.change, noise, own, starts=[Start.at(own.best)], hopeless=hopeless), list[Screened]()
     for one in changes:
-        alone, starts = _costly_alone(one.change, own, noise, hopeless), one.change.begun_from(level, own)
-        enough = alone.balanced and alone.best.cost < hopeless
-        fitted.append(
-            Screened(one.change, alone.best)
-            if enough
-            else screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless)
-        )
+        alone = _costly_alone(one.change, own, noise, hopeless)
+        if alone.balanced and alone.best.cost < hopeless:
+            fitted.append(Screened(one.change, alone.best))
+            continue
+        starts = one.change.begun_from(level, own)
+        fitted.append(screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless))
     return level, fitted
 
 
