@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from rotorjax.inference.kernels import BALANCED_CHUNK
 from rotorjax.inference.linearised import Freedom, Imbalance, Linearisation, Linearised, Point
 
 BALANCED = 0.1
@@ -13,7 +14,11 @@ motion of its order, in that of any other.
 """
 SHORTEST = 1e-3
 """Share of a step of Newton's method below which no balance is looked for."""
-STEPS = 50
+SHORTER = 0.3
+"""What is left of a step that leads to more force that is lacking, and of each length to the next."""
+LENGTHS = 4
+"""Lengths of a step tried at once where few states are left, as a chunk of rows is evaluated all the same."""
+STEPS = 20
 """Most of them."""
 
 
@@ -83,30 +88,56 @@ def balanced(
         if not rows:
             continue
         which, states = np.array(rows).T
-        unknowns = np.stack([astray[k].point.unknowns for k in which])
-        here, share = _imbalances([freedoms[k] for k in which], states), np.ones(len(rows))
-        found = np.stack([motions[k][state] for k, state in rows])
-        # Less force that is lacking need not read better: nothing is given up for it.
-        nearest = here.off.copy()
-        for _ in range(STEPS):
-            alive = np.flatnonzero((here.off > tight) & (share > SHORTEST) & np.isfinite(here.size))
-            if not len(alive):
-                break
-            trial = here.followed[alive].copy()
-            trial[..., : lin.kernels.coefficients] += share[alive, None, None] * here.step[alive]
-            there = lin.imbalance(unknowns[alive], states[alive], trial, refined=refined)
-            better = there.size < here.size[alive]
-            share[alive] = np.where(better, np.minimum(1.0, 2.0 * share[alive]), 0.3 * share[alive])
-            for old, new in zip(here, there, strict=True):
-                old[alive[better]] = new[better]
-            nearer = there.off < nearest[alive]
-            found[alive[nearer]], nearest[alive[nearer]] = trial[nearer], there.off[nearer]
+        found = _towards_balance(
+            lin,
+            np.stack([astray[k].point.unknowns for k in which]),
+            states,
+            np.stack([motions[k][state] for k, state in rows]),
+            _imbalances([freedoms[k] for k in which], states),
+            tight,
+            refined=refined,
+        )
         for row, (k, state) in enumerate(rows):
             motions[k][state] = found[row]
     cases = [
         np.flatnonzero(~lin.states.everywhere(~np.isin(np.arange(len(lin.states.speed)), states))) for states in moved
     ]
     return [one.point._replace(motions=found) for one, found in zip(astray, motions, strict=True)], cases
+
+
+def _towards_balance(
+    lin: Linearisation,
+    unknowns: Float[np.ndarray, "row param"],
+    states: Int[np.ndarray, "row"],
+    motions: Float[np.ndarray, "row dof wide"],
+    here: Imbalance,
+    tight: float,
+    *,
+    refined: bool,
+) -> Float[np.ndarray, "row dof wide"]:
+    """Of each state the motion on its way that read nearest to balance. **Arguments:** ``here``: the balance of the
+    ``motions``.
+    """
+    found, nearest, share = motions.copy(), here.off.copy(), np.ones(len(states))
+    for _ in range(STEPS):
+        alive = np.flatnonzero((here.off > tight) & (share > SHORTEST) & np.isfinite(here.size))
+        if not len(alive):
+            break
+        lengths = share[alive, None] * SHORTER ** np.arange(np.clip(BALANCED_CHUNK // len(alive), 1, LENGTHS))
+        each = np.repeat(alive, lengths.shape[1])
+        trial = here.followed[each]
+        trial[..., : lin.kernels.coefficients] += lengths.ravel()[:, None, None] * here.step[each]
+        there = lin.imbalance(unknowns[each], states[each], trial, refined=refined)
+        least = np.nan_to_num(there.size, nan=np.inf).reshape(lengths.shape).argmin(axis=1)
+        best = least + np.arange(0, len(each), lengths.shape[1])
+        better = there.size[best] < here.size[alive]
+        share[alive] = np.where(better, np.minimum(1.0, 2.0 * lengths.ravel()[best]), SHORTER * lengths[:, -1])
+        for old, new in zip(here, there, strict=True):
+            old[alive[better]] = new[best[better]]
+        # Less force that is lacking need not read better: nothing is given up for it.
+        nearer = there.off[best] < nearest[alive]
+        found[alive[nearer]], nearest[alive[nearer]] = trial[best[nearer]], there.off[best[nearer]]
+    return found
 
 
 def _imbalances(freedoms: list[Freedom], states: Int[np.ndarray, "row"]) -> Imbalance:
