@@ -142,6 +142,8 @@ class Doubts(NamedTuple):
     most: int
     always: bool
     progress: Progress
+    missed: Answer | None = None
+    """Beside a change that was searched before, and misses."""
 
     def race(self, own: Answer, share: float | int) -> MistakeRace:
         """An answer, and changes near it. **Arguments:** ``share``: linearisations for each change."""
@@ -160,7 +162,8 @@ class Doubts(NamedTuple):
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
         if own.cut_off:
             share = contest.budget.left / max(1, len(near))
-        return self.ranked(*with_near(own, near, noise, self.most, self.progress, share=share))
+        found = with_near(own, near, noise, self.most, self.progress, share=share, missed=self.missed)
+        return self.ranked(*found)
 
     def ranked(self, found: list[Answer], cut_off: tuple[Mistake, ...]) -> MistakeRace:
         """What was found, the search of the best finished if it was cut off; with the effects of the best change beside
@@ -182,9 +185,11 @@ def with_near(
     progress: Progress,
     *,
     share: float | int = math.inf,
+    missed: Answer | None = None,
 ) -> tuple[list[Answer], tuple[Mistake, ...]]:
     """An answer, and changes searched, the nearest first, until the next is out of reach of what was found; and those
-    that were cut off. **Arguments:** ``share``: linearisations for each of them.
+    that were cut off. **Arguments:** ``share``: linearisations for each of them; ``missed``: what one of them came to
+    before, not searched again where the answer misses, too.
     """
     found, cut_off, holds = [first], list[Mistake](), first.misfit <= noise.allowance
     reaches = [_Reach.of(first, noise)]
@@ -194,7 +199,8 @@ def with_near(
             break
         before = budget.spent
         with budget.share(share):
-            other = searched(one, most, progress, holds=holds)
+            again = holds or missed is None or missed.mistake != one.change.mistake
+            other = searched(one, most, progress, holds=holds) if again else missed
             if budget.exhausted and one.change.mistake is not None:
                 cut_off.append(one.change.mistake)
         if other is None:

@@ -59,8 +59,10 @@ def race_of_mistakes(
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
     doubts = Doubts(contest, changes, screened, stated, most, always, progress)
     weights = [one for one in screened if one.change.of_weight]
-    if stated and (found := _without_what_is_stated(begun, stated, ahead, doubts)):
-        return found
+    if stated and ahead:
+        found, doubts = _without_what_is_stated(begun, stated, ahead, doubts)
+        if found:
+            return found
     endless = bool(weights) or contest.measurement.sigma is None
     own = _search_as_stated(begun, stated, most, progress, endless=endless)
     share = math.inf if misses(own) else contest.budget.spent - before
@@ -165,15 +167,13 @@ def _with_its_ties(own: Answer, catalog: Mapping[str, type[Effect]], progress: P
 
 def _without_what_is_stated(
     begun: Begun, stated: Screened, ahead: list[Screened], doubts: Doubts
-) -> MistakeRace | None:
+) -> tuple[MistakeRace | None, Doubts]:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
     force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated; ``ahead``: those
     changes; ``doubts``: all, another of which may do as well beside the forces of that answer. **Returns** nothing
-    where none does within half of the linearisations left.
+    where none does within half of the linearisations left; and the doubts, with the answer of the nearest if it misses.
     """
-    if not ahead:
-        return None
     budget, most, progress = doubts.contest.budget, doubts.most, doubts.progress
     nearest = ahead[0]
     others = [one for one in doubts.screened or ahead if one.change.mistake != nearest.change.mistake]
@@ -181,9 +181,9 @@ def _without_what_is_stated(
     with budget.share(budget.left / 2):
         first = searched(nearest, most, progress)
     if first is None or first.misfit > 0.0:
-        return None
+        return None, doubts if first is None or first.cut_off else doubts._replace(missed=first)
     took = budget.spent - before
     found, cut_off = with_near(first, near_changes(first, stated, others, NO_NOISE), NO_NOISE, most, progress)
     with budget.share(took):
         own = Answer.of(None, select(begun, most, progress=progress), cut_off=budget.exhausted)
-    return doubts.ranked([*found, own], cut_off)
+    return doubts.ranked([*found, own], cut_off), doubts
