@@ -159,6 +159,10 @@ class States(NamedTuple):
         return good if self.rolling is None else good[: len(self.rolling)] & good[self.rolling]
 
 
+MOST_ROWS = 512
+"""Rows of the balance kept at one time, or those of one point: each has a matrix of some ten thousand numbers."""
+
+
 class _Task(NamedTuple):
     """What is evaluated together."""
 
@@ -277,6 +281,13 @@ class Linearisation:
     ) -> list[Linearised]:
         """The same where orders depend on one another; on some ``cases`` of each point only, if so wanted."""
         tasks = self._tasks(points, free, cases)
+        ends = np.cumsum([task.blocks * len(task.states) for task in tasks])
+        which = (ends - 1) // MOST_ROWS
+        groups = [[tasks[k] for k in np.flatnonzero(which == group)] for group in np.unique(which)]
+        return [one for group in groups for one in self._coupled_together(group)]
+
+    def _coupled_together(self, tasks: list[_Task]) -> list[Linearised]:
+        """In the same compiled calls."""
         wide = np.concatenate([np.concatenate([task.motions] * task.blocks) for task in tasks])
         parts = [
             self._split(part, tasks)
