@@ -2,6 +2,7 @@
 well.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from rotorjax.data.declarations import Mistake
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.race import race, score, share_counted
+from rotorjax.discovery.race import Scored, race, score
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, beside_answer, screen
 from rotorjax.discovery.search import Selection, begin, retold, select, with_set
@@ -29,8 +30,8 @@ class Answer(NamedTuple):
     selection: Selection
     log_odds: float
     """Of the change beforehand."""
-    score: float
-    """Logarithm of marginal likelihood and prior odds, up to a constant."""
+    scored: Scored
+    """Marginal likelihood and prior odds."""
     misfit: float
     """Allowance for misfit that it needs [m]."""
     cut_off: bool
@@ -45,7 +46,12 @@ class Answer(NamedTuple):
         """What a search came to."""
         contest, noise = selection.contest, noise_left(selection)
         own = score(contest, selection.known[selection.present], noise)
-        return cls(mistake, selection, log_odds, own + log_odds, noise.allowance, cut_off)
+        own = own._replace(prior=own.prior + log_odds)
+        return cls(mistake, selection, log_odds, own, noise.allowance, cut_off)
+
+    def lead(self, other: "Answer") -> float:
+        """Log odds against another answer."""
+        return self.scored.lead(other.scored)
 
     def finished(self, most: int, progress: Progress) -> "Answer":
         """Its search to the end, with ``most`` effects at most."""
@@ -56,6 +62,15 @@ class Answer(NamedTuple):
     def named(self) -> tuple[str, ...]:
         """What was changed, then the effects."""
         return (*([] if self.mistake is None else [self.mistake.name]), *self.selection.effects)
+
+
+def _order(one: Answer, other: Answer) -> int:
+    lead = one.lead(other)
+    return (lead > 0.0) - (lead < 0.0)
+
+
+LEAD = functools.cmp_to_key(_order)
+"""By which the more probable of two answers is greater."""
 
 
 class MistakeRace(NamedTuple):
@@ -75,7 +90,7 @@ class MistakeRace(NamedTuple):
     @property
     def tied(self) -> tuple[Answer, ...]:
         """Those within 3 log units of it."""
-        return tuple(other for other in self.ranked[1:] if self.best.score - other.score < TIE)
+        return tuple(other for other in self.ranked[1:] if self.best.lead(other) < TIE)
 
 
 def misses(own: Answer) -> bool:
@@ -118,7 +133,7 @@ class _Reach(NamedTuple):
         """Of an answer."""
         selection = answer.selection
         own = score(selection.contest, selection.known[selection.present], noise, normalised=False)
-        return cls(own - TIE, share_counted(selection.contest, noise))
+        return cls(own.log_posterior - TIE, own.share)
 
     @property
     def hopeless(self) -> float:
@@ -169,10 +184,10 @@ class Doubts(NamedTuple):
         """What was found, the search of the best finished if it was cut off; with the effects of the best change beside
         what is stated.
         """
-        leader = max(found, key=lambda one: one.score)
+        leader = max(found, key=LEAD)
         if leader.cut_off and not self.contest.budget.exhausted:
             found = [one.finished(self.most, self.progress) if one is leader else one for one in found]
-        best, *others = sorted([*found, *_as_stated_too(found)], key=lambda one: -one.score)
+        best, *others = sorted([*found, *_as_stated_too(found)], key=LEAD, reverse=True)
         best = best._replace(selection=best.selection.among(self.contest.candidates))
         return MistakeRace((best, *others), cut_off=tuple(mistake for mistake in cut_off if mistake != best.mistake))
 
@@ -207,7 +222,7 @@ def with_near(
             continue
         # Of an unknown noise each has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
-            if other.score > max(answer.score for answer in found):
+            if all(other.lead(answer) > 0.0 for answer in found):
                 share = min(share, budget.spent - before)
             found.append(other)
             reaches.append(_Reach.of(other, noise))
@@ -218,7 +233,7 @@ def _as_stated_too(found: list[Answer]) -> list[Answer]:
     """The effects of the best, if that is a change, beside what is stated: their search may have gone another way, and
     they may do as well without the change.
     """
-    best = max(found, key=lambda one: one.score)
+    best = max(found, key=LEAD)
     effects, own = best.selection.present, next(one.selection for one in found if one.mistake is None)
     if best.mistake is None or effects == own.present or own.contest.budget.exhausted:
         return []
@@ -226,8 +241,10 @@ def _as_stated_too(found: list[Answer]) -> list[Answer]:
     near, reach = answer._replace(foreseen=True), answer.best.cost + HOPELESS
     fitted = race(own.contest, answer.noise, [effects], {**own.known, effects: near}, hopeless=reach)
     there = fitted[effects]
-    likely = score(own.contest, there, answer.noise) if there.balanced else -math.inf
-    if likely < best.score - TIE:
+    if not there.balanced:
+        return []
+    likely = score(own.contest, there, answer.noise)
+    if best.scored.lead(likely) > TIE:
         return []
     return [Answer(None, retold(own, effects, fitted), 0.0, likely, own.contest.misfit_left(there), cut_off=False)]
 

@@ -200,8 +200,31 @@ def share_counted(contest: Contest, noise: Noise) -> float:
     return min(1.0, contest.independent_numbers / numbers) if noise.allowance > 0.0 else 1.0
 
 
-def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: bool = True) -> float:
-    """Log evidence and prior odds, ``normalised`` by the size of the noise, so that different noises compare.
+class Scored(NamedTuple):
+    """How probable a contender is, so that those under different noises compare."""
+
+    likelihood: float
+    """Logarithm, of all data, at the optimum."""
+    share: float
+    """Of the data that counts, as in `share_counted`."""
+    prior: float
+    """Logarithm of prior odds, and of the share of the prior that the data leave."""
+
+    @property
+    def log_posterior(self) -> float:
+        """Log evidence and prior odds, up to a constant."""
+        return self.share * self.likelihood + self.prior
+
+    def lead(self, other: "Scored") -> float:
+        """Log odds against another, both counted by the smaller share: a misfit that one of them leaves narrowly must
+        not make it lose by data that repeat themselves.
+        """
+        share = min(self.share, other.share)
+        return share * (self.likelihood - other.likelihood) + self.prior - other.prior
+
+
+def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: bool = True) -> Scored:
+    """Under some noise, ``normalised`` by its size, so that different noises compare.
 
     Where a misfit is allowed for, only independent data count: a misfit repeats itself from run to run.
     """
@@ -215,9 +238,12 @@ def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: b
     logarithm += 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
     every = np.ones(len(error), bool)
     cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
-    share = share_counted(contest, noise)
-    prior = log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost
-    return -share * (cost + normalised * logarithm) + prior + contest.log_odds(contender.effects)
+    prior = float(log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost)
+    return Scored(
+        float(-(cost + normalised * logarithm)),
+        float(share_counted(contest, noise)),
+        prior + contest.log_odds(contender.effects),
+    )
 
 
 def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -> Contender:

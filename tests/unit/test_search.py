@@ -10,7 +10,7 @@ from jax import Array
 from rotorjax import Instant, RestoringEffect, effects, parameter, read_measurement, read_rig
 from rotorjax.discovery.contest import check_catalog, make_contest
 from rotorjax.discovery.held_out import _pruned
-from rotorjax.discovery.race import race
+from rotorjax.discovery.race import Scored, race
 from rotorjax.discovery.search import PRICE, begin, neighbours, ranking, retold, select
 from rotorjax.model.parameters import Parameter
 
@@ -35,6 +35,14 @@ def test_pruning_pays_the_price_of_a_detection_for_each_part():
     scores = {frozenset(): -100.0, frozenset("a"): -10.0, frozenset("b"): -50.0, frozenset("ab"): -10.0 + 0.5 * PRICE}
     assert _pruned(scores) == frozenset("a")
     assert _pruned({**scores, frozenset("ab"): -10.0 + 2.0 * PRICE}) == frozenset("ab")
+
+
+def test_an_answer_that_misses_narrowly_is_counted_by_the_share_of_both():
+    misses, holds = Scored(-1000.0, 0.4, -20.0), Scored(-998.0, 1.0, -21.0)
+    # By 0.4 of the data each: 0.8 ahead, less 1 for the prior.
+    assert holds.lead(misses) == pytest.approx(-0.2)
+    assert misses.lead(holds) == pytest.approx(0.2)
+    assert holds.log_posterior == pytest.approx(-1019.0)
 
 
 def test_another_answer_that_begins_with_the_same_effect_has_steps_of_its_own():
