@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
@@ -95,12 +94,10 @@ class Space:
         """
         old = {entry: k for k, entry in enumerate(labels_of(self.model))}
         bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
-        shapes = [[p.shape(bare.layout) for p in e.parameters()] for e in self.model.effects]
-        nothing = {shape: as_array(np.zeros(shape)) for shape in itertools.chain.from_iterable(shapes)}
-        blank = [
-            e.replaced([nothing[shape] for shape in own]) for e, own in zip(self.model.effects, shapes, strict=True)
-        ]
-        model = dataclasses.replace(bare, effects=tuple(blank))
+        shapes = [p.shape(bare.layout) for e in self.model.effects for p in e.parameters()]
+        nothing = {shape: as_array(np.zeros(shape)) for shape in set(shapes)}
+        structure = jax.tree.structure(self.model.effects)
+        model = dataclasses.replace(bare, effects=structure.unflatten([nothing[shape] for shape in shapes]))
         place = np.array([old.get(entry, -1) for entry in labels_of(model)], dtype=int)
 
         def at(values: Array, new: Any) -> Array:

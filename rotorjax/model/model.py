@@ -69,7 +69,8 @@ class Model(eqx.Module, Shown):
 
     def in_company(self, classes: Iterable[type[Effect]]) -> "Model":
         """The model with the effects of these classes, at their null where it does not have them."""
-        new = [_at_null(cls, self.layout, jnp.result_type(float)) for cls in classes if cls.name not in self]
+        own, layout, dtype = {e.name for e in self.effects}, self.layout, jnp.result_type(float)
+        new = [_at_null(cls, layout, dtype) for cls in classes if cls.name not in own]
         return self._with_effects([*self.effects, *new])
 
     def __contains__(self, name: str) -> bool:
