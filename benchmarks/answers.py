@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtridf, stdtrit
 
+from rotorjax.discovery.answers import Answer
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.search import none_left
@@ -56,9 +57,12 @@ def _by_steps(found: Explanation) -> float:
 
 
 def _of_mistake(found: Explanation) -> float:
-    scores = np.array([other.score for other in found.written.ranked])
-    weights = np.exp(scores - scores.max())
-    return float(weights[0] / weights.sum())
+    return 1.0 / (1.0 + sum(_against_the_answer(found, other) for other in found.written.ranked[1:]))
+
+
+def _against_the_answer(found: Explanation, other: Answer) -> float:
+    """Odds of another answer."""
+    return math.exp(min(700.0, -found.written.best.lead(other)))
 
 
 def _joint(found: Explanation) -> dict[frozenset[str], float]:
@@ -78,10 +82,9 @@ def _joint(found: Explanation) -> dict[frozenset[str], float]:
     weights = {names: math.exp(log - top) for names, log in logs.items()}
     total = sum(weights.values())
     joint = {names: share * w / total for names, w in weights.items()}
-    scores = [other.score for other in found.written.ranked]
     for other in found.written.ranked[1:]:
         names = frozenset((*other.named, *other.selection.small))
-        joint[names] = joint.get(names, 0.0) + share * math.exp(max(other.score - scores[0], -700.0))
+        joint[names] = joint.get(names, 0.0) + share * _against_the_answer(found, other)
     return joint
 
 
