@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
 from scipy.special import stdtridf, stdtrit
 
 from rotorjax.discovery.answers import Answer

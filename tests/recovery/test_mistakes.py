@@ -3,10 +3,13 @@
 import csv
 import dataclasses
 import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from rotorjax import (
     Conditions,
     Jeffcott,
@@ -32,6 +35,7 @@ from rotorjax.model.contract import RestoringEffect, SweepEffect
 
 import hidden_forces
 import nonlinear_oracle as in_time
+from answers import answer
 from drawn_effects import draw
 from drawn_mistakes import draw_with_mistake
 from hidden import Machine, Plan, measure
@@ -147,6 +151,11 @@ def test_a_weight_on_the_opposite_side_is_no_participation_of_its_plane():
     only = ("plane_participation", "residual_unbalance", "chain_gain", "trial_weight_opposite", "trial_weight_absent")
     found = explain(model, measurement, only=only, thorough=False)
     assert (found.verdict, found.named) == ("explained", ("trial_weight_opposite.second",))
+    # What is scored of it: the other answers take their share.
+    told = answer(found)
+    assert len(found.written.ranked) > 1
+    assert 0.9 < told["probability"] < 1.0
+    assert told["set95"] == [["trial_weight_opposite.second"]]
 
 
 def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path):
