@@ -222,7 +222,7 @@ def with_near(
             continue
         # Of an unknown noise each has its own, and the score counts it.
         if noise.allowance > 0.0 or other.misfit == 0.0 or other.misfit < HALVED * first.misfit:
-            if all(other.lead(answer) > 0.0 for answer in found):
+            if again and all(other.lead(answer) > 0.0 for answer in found):
                 share = min(share, budget.spent - before)
             found.append(other)
             reaches.append(_Reach.of(other, noise))

@@ -160,7 +160,7 @@ class States(NamedTuple):
 
 
 MOST_ROWS = 512
-"""Rows of the balance kept at one time, or those of one point: each has a matrix of some ten thousand numbers."""
+"""Rows of the balance kept at one time, with those of one point more: every row has the matrix of its motion."""
 
 
 class _Task(NamedTuple):
@@ -176,6 +176,11 @@ class _Task(NamedTuple):
     def blocks(self) -> int:
         """As many evaluations as slopes by all that is free take."""
         return max(1, math.ceil(len(self.free) / COLUMNS))
+
+    @property
+    def rows(self) -> int:
+        """Rows that it takes."""
+        return self.blocks * len(self.states)
 
     @property
     def motions(self) -> Float[np.ndarray, "one dof wide"]:
@@ -256,7 +261,7 @@ class Linearisation:
 
     def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
         """Back to one array a task: block x state x what follows."""
-        ends = np.cumsum([task.blocks * len(task.states) for task in tasks])[:-1]
+        ends = np.cumsum([task.rows for task in tasks])[:-1]
         parts = np.split(values, ends)
         return [
             part.reshape(task.blocks, len(task.states), *values.shape[1:])
@@ -281,7 +286,7 @@ class Linearisation:
     ) -> list[Linearised]:
         """The same where orders depend on one another; on some ``cases`` of each point only, if so wanted."""
         tasks = self._tasks(points, free, cases)
-        ends = np.cumsum([task.blocks * len(task.states) for task in tasks])
+        ends = np.cumsum([task.rows for task in tasks])
         which = (ends - 1) // MOST_ROWS
         groups = [[tasks[k] for k in np.flatnonzero(which == group)] for group in np.unique(which)]
         return [one for group in groups for one in self._coupled_together(group)]
