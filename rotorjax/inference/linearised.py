@@ -178,11 +178,6 @@ class _Task(NamedTuple):
         return max(1, math.ceil(len(self.free) / COLUMNS))
 
     @property
-    def rows(self) -> int:
-        """Rows that it takes."""
-        return self.blocks * len(self.states)
-
-    @property
     def motions(self) -> Float[np.ndarray, "one dof wide"]:
         """Of these states."""
         return np.asarray(self.point.motions)[self.states]
@@ -261,7 +256,7 @@ class Linearisation:
 
     def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
         """Back to one array a task: block x state x what follows."""
-        ends = np.cumsum([task.rows for task in tasks])[:-1]
+        ends = np.cumsum([task.blocks * len(task.states) for task in tasks])[:-1]
         parts = np.split(values, ends)
         return [
             part.reshape(task.blocks, len(task.states), *values.shape[1:])
@@ -286,7 +281,7 @@ class Linearisation:
     ) -> list[Linearised]:
         """The same where orders depend on one another; on some ``cases`` of each point only, if so wanted."""
         tasks = self._tasks(points, free, cases)
-        ends = np.cumsum([task.rows for task in tasks])
+        ends = np.cumsum([task.blocks * len(task.states) for task in tasks])
         which = (ends - 1) // MOST_ROWS
         groups = [[tasks[k] for k in np.flatnonzero(which == group)] for group in np.unique(which)]
         return [one for group in groups for one in self._coupled_together(group)]
