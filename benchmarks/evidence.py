@@ -196,7 +196,7 @@ def by_nested_sampling(integrand: Integrand, rng: np.random.Generator) -> Integr
 
 
 def compared(seed: int, motions: bool, nested: bool) -> list[Row]:
-    """Rows of one case. **Arguments:** ``motions``: also hypotheses with a force that depends on motion; ``nested``:
+    """Rows of one case. **Arguments:** ``motions``: also hypotheses with a nonlinear force; ``nested``:
     nested sampling too.
     """
     hidden = draw(seed)
@@ -248,7 +248,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=5000, help="seed to begin with (%(default)s)")
     parser.add_argument("--seeds", type=int, default=10, help="number of cases (%(default)s)")
-    parser.add_argument("--motions", action="store_true", help="also forces that depend on motion")
+    parser.add_argument("--motions", action="store_true", help="also nonlinear forces")
     parser.add_argument("--nested", action="store_true", help="nested sampling too: minutes for each hypothesis")
     parser.add_argument("--output", type=Path, help="folder for evidence.md")
     arguments = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Steady states under forces that depend on motion: harmonic balance beside integration in time until the transient is
+"""Steady states under nonlinear forces: harmonic balance beside integration in time until the transient is
 gone.
 
 A stiffening shaft, and a stop at the end of a gap, on 60 conditions. Peers: SciPy's DOP853, one condition after the

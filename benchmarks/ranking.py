@@ -2,8 +2,8 @@
 
 The peer is what a user does today: a vectorised NumPy forward model, `scipy.optimize.least_squares` with finite
 differences, one call per effect and declared start, the same starts, priors, noise and tolerance of the cost. Both
-sides' least costs are compared first; forces that depend on motion are ours alone. Called by `benchmarks/run.py`; as a
-program it times one ranking in this process, for data that hide a linear effect or a force that depends on motion.
+sides' least costs are compared first; nonlinear forces are ours alone. Called by `benchmarks/run.py`; as a
+program it times one ranking in this process, for data that hide a linear effect or a nonlinear force.
 
     python benchmarks/ranking.py [duffing]
 """

@@ -50,7 +50,7 @@ BLUR, ALIKE = 3.0, 3.0
 FAMILIES = {
     "excitation": "what drives the rotor besides what was installed on purpose",
     "structure": "what rotor and support do differently from the nominal rotor",
-    "restoring": "forces that depend on the motion; the response comes from harmonic balance",
+    "restoring": "nonlinear forces; the response comes from harmonic balance",
     "reading": "what the measuring chain makes of the motion, and what the true speed is",
 }
 ENTERS = {

@@ -1,4 +1,4 @@
-"""An independent answer for forces that depend on motion: the rotor integrated in time until it repeats itself. Shares
+"""An independent answer for nonlinear forces: the rotor integrated in time until it repeats itself. Shares
 no code with rotorjax.
 
 M q̈ + C q̇ + K (q - bow(t)) + Σ f(φ, q, q̇, q - bow(t)) = M g + Ω² U(t), everything longhand: a transient, then

@@ -1,4 +1,4 @@
-"""Forces that depend on motion, on the disk or on the deflection of the shaft: NumPy only.
+"""Nonlinear forces, on the disk or on the deflection of the shaft: NumPy only.
 
 Each is a function of angle [rad], place [m] and velocity [m/s] of the disk, deflection of the shaft off its bow [m],
 pairs (x, y) along the last axis, and gives the force that resists, on the left-hand side of the equation of motion [N].

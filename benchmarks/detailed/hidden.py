@@ -37,7 +37,7 @@ class Plant:
         return dataclasses.replace(self, chain=dataclasses.replace(self.chain, **changes))  # pyright: ignore
 
     def pushed(self, force: laws.Force) -> "Plant":
-        """The plant with one more force that depends on motion."""
+        """The plant with one more nonlinear force."""
         return dataclasses.replace(self, forces=(*self.forces, force))
 
 

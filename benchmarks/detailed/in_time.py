@@ -1,7 +1,7 @@
 """The detailed rotor integrated in time until its motion repeats itself, all speeds at once. Shares no code with
 rotorjax.
 
-Linear part and excitation are stepped exactly (matrix exponential); forces that depend on motion are taken as straight
+Linear part and excitation are stepped exactly (matrix exponential); nonlinear forces are taken as straight
 lines over a step, their end found by predictor and corrector: an exponential Runge-Kutta scheme of second order
 (Hochbruck, Ostermann, Acta Numerica 19 (2010) 209-286, section 2). The steady state is where Newton's method on the
 state after one turn (shooting) comes to rest; what is left of a disturbance after a turn says whether it is stable.
@@ -110,7 +110,7 @@ class Stepper:
         return state
 
     def begin(self, rotor: Rotor, conditions: Sequence[Condition]) -> np.ndarray:
-        """The steady state without forces that depend on motion; condition x state x 1."""
+        """The steady state without nonlinear forces; condition x state x 1."""
         states = []
         for c in conditions:
             parts = rotor.steady(c.speed, c.unbalance)
@@ -165,7 +165,7 @@ def waveforms(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Displacement of the disk over one turn, condition x (x, y) x step [m], and the state to go on from.
 
-    Without forces that depend on motion from the closed form, which the integration meets (tests).
+    Without nonlinear forces from the closed form, which the integration meets (tests).
     **Errors.** `NoSteadyStateError`.
     """
     if max(rotor.growth(c.speed) for c in conditions) >= 0.0:

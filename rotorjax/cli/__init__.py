@@ -126,7 +126,7 @@ def _race(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")
     mistakes = (
         "test mistakes in rig file and table too (rotation, signs, units, exchanged probes or runs, ...): always, or "
-        "never; by default where nothing else explains the data, or only an effect of the measuring chain does"
+        "never; by default where nothing else explains the data, or an effect does that such a mistake may look like"
     )
     sub.add_argument("--mistakes", action=argparse.BooleanOptionalAction, help=mistakes)
 

@@ -14,14 +14,14 @@ The data hide effects that the rig file does not have. Type, one after the other
       where the model fails, in micrometres and in standard errors
 
   rotorjax explain {folder}/measurement.csv --rig {folder}/rig.toml --report {folder}/report.html \\
-      --write-rig {folder}/fitted.toml
+      --write-rig {folder}/explained.toml
       which effects are missing, how sure that is, what cannot be told apart;
       a report with pictures, and the fitted model as a rig file
 
   rotorjax compare {folder}/measurement.csv --rig {folder}/rig.toml --effect residual_unbalance
       add an effect of your own choice by name: fitted, with the error before and after
 
-  rotorjax diagnose {folder}/measurement.csv --rig {folder}/fitted.toml --reference baseline
+  rotorjax diagnose {folder}/measurement.csv --rig {folder}/explained.toml --reference baseline
       unbalance and bow of every run; what the baseline has is inherent and taken off the others
 
   rotorjax effects

@@ -108,7 +108,7 @@ def predicted(model: Model, correction: Correction, speed_rpm: Float[np.ndarray,
     """What the probes show with nothing installed, and with the correction.
 
     The error is the largest |J e| over the 95 % region of the unbalance, J its influence on the vector, of the model
-    without forces that depend on motion.
+    without nonlinear forces.
     """
     conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
     share, none = correction.plane.participation, np.zeros((len(speed_rpm), 4))

@@ -53,7 +53,7 @@ class CriticalSpeed(NamedTuple):
     """Minor over major axis of this orbit, negative where it is run through against the rotation."""
     amplitude_um: dict[str, float] | None = None
     """Amplitude at 1X, zero-to-peak, probe by probe, with nothing installed; none where the model has nothing that
-    excites it, or forces that depend on motion.
+    excites it, or nonlinear forces.
     """
 
     @property
@@ -75,7 +75,7 @@ def log_decrement(damping_ratio: float) -> float:
 
 
 def critical_speeds(model: Model) -> tuple[CriticalSpeed, ...] | None:
-    """Critical speeds of the rotor without forces that depend on motion, the lowest first; without amplitudes.
+    """Critical speeds of the rotor without nonlinear forces, the lowest first; without amplitudes.
 
     Looked for between 0.1 and 3 times what stiffness over mass says. Modes that are damped out (ζ above 0.707), and
     modes that unbalance does not excite, such as backward whirl of a rotor that is the same all round, have none.
@@ -173,9 +173,9 @@ def orbit_of(motion: Complex[np.ndarray, "dof"], spin: int) -> tuple[float, floa
 
 
 def whirl_in_words(direction_deg: float, axis_ratio: float) -> str:
-    """ "forward", "backward, major axis 30°" or "line, 90°". **Arguments:** as `orbit_of` returns them."""
+    """ "forward", "backward, major axis 30°" or "straight line, 90°". **Arguments:** as `orbit_of` returns them."""
     if abs(axis_ratio) < STRAIGHT:
-        return f"line, {round(direction_deg)}°"
+        return f"straight line, {round(direction_deg)}°"
     sense = "forward" if axis_ratio > 0.0 else "backward"
     return sense if abs(axis_ratio) >= CIRCULAR else f"{sense}, major axis {round(direction_deg)}°"
 

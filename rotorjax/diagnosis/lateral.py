@@ -83,7 +83,7 @@ class Stability(NamedTuple):
 
 
 class Lateral(NamedTuple):
-    """Critical speeds and stability of the rotor without forces that depend on motion."""
+    """Critical speeds and stability of the rotor without nonlinear forces."""
 
     speeds: SpeedRange
     critical_speeds: tuple[CriticalSpeed, ...] | None
@@ -91,7 +91,7 @@ class Lateral(NamedTuple):
     stability: Stability | None
     """None likewise, and where nothing whirls."""
     linearised: bool
-    """Whether the model has forces that depend on motion, of which this says nothing."""
+    """Whether the model has nonlinear forces, of which this says nothing."""
     self_excited: bool
     """Whether the model has an effect of the linear rotor that may make it unstable."""
     open_axes: frozenset[str] = frozenset()

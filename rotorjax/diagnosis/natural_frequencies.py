@@ -27,7 +27,7 @@ class NaturalFrequencies(NamedTuple):
 
 
 def natural_frequencies(model: Model, speed_rpm: Float[np.ndarray, "speed"]) -> NaturalFrequencies | None:
-    """Eigenvalues of M q̈ + C q̇ + K q = 0 at each of these speeds, rising, without forces that depend on motion.
+    """Eigenvalues of M q̈ + C q̇ + K q = 0 at each of these speeds, rising, without nonlinear forces.
 
     A mode is followed by its eigenvalue, which goes on as it went between the two speeds before. **Returns** none where
     an effect depends on frequency as no spring, damper or mass does. **Source:** Genta, Dynamics of Rotating Systems,

@@ -114,7 +114,7 @@ def like_a_mistake(own: Answer) -> bool:
 
 
 def _feels_the_weight(own: Answer) -> bool:
-    """Whether a force that depends on motion is in an answer: what the weight does through it nothing else shows, and
+    """Whether a nonlinear force is in an answer: what the weight does through it nothing else shows, and
     another effect may stand for what the weight does not do as stated.
     """
     return bool(own.selection.present & own.selection.contest.costly)
@@ -251,7 +251,7 @@ def _as_stated_too(found: list[Answer]) -> list[Answer]:
 
 def searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Answer | None:
     """A change, begun with what holds of all linear effects beside it, if they do. **Arguments:** ``holds``: whether an
-    answer holds; **returns** nothing where no set beside forces that depend on motion does then.
+    answer holds; **returns** nothing where no set beside nonlinear forces does then.
     """
     change = one.change
     assert change.mistake is not None
@@ -269,7 +269,7 @@ def near_changes(
     own: Answer, stated: Screened, screened: list[Screened], noise: Noise, *, beside_forces: bool = True
 ) -> list[Screened]:
     """Changes that may do as well as the answer. If that holds within the noise: those with which all linear effects,
-    and its forces that depend on motion, cost no more than it does with its prior; nothing else need be beside them.
+    and its nonlinear forces, cost no more than it does with its prior; nothing else need be beside them.
     Else those that leave far less than what is stated. **Arguments:** ``beside_forces``: whether those forces count for
     all changes, or only for those of the weight, which nothing else feels.
     """

@@ -80,15 +80,15 @@ class Contest:
     floor: Noise = NO_NOISE
     """Noise beside the table's that is known to be there."""
     linear_may_hold: bool = True
-    """Whether effects that do not depend on motion may hold within the table's noise: not if all at once do not."""
+    """Whether linear effects may hold within the table's noise: not if all at once do not."""
     cannot_hold: frozenset[Effects] = frozenset()
     """Sets that were left behind under the table's noise."""
     forces_in_floor: bool = False
-    """Whether the floor may come from forces that depend on motion: it was told without any."""
+    """Whether the floor may come from nonlinear forces: it was told without any."""
 
     @cached_property
     def coupled(self) -> Effects:
-        """Effects that couple the orders, which are balanced together: forces that depend on motion, and saturation."""
+        """Effects that couple the orders, which are balanced together: nonlinear forces, and saturation."""
         return frozenset(self.space.effects_of(self.space.coupled()))
 
     @cached_property
@@ -99,7 +99,7 @@ class Contest:
 
     @property
     def costly(self) -> Effects:
-        """Effects that cost many times as much as others: forces that depend on motion, and a sweep."""
+        """Effects that cost many times as much as others: nonlinear forces, and a sweep."""
         return self.coupled | self.sweeping
 
     @property
@@ -110,13 +110,13 @@ class Contest:
     @property
     def tried_exactly(self) -> bool:
         """Whether there is anything to be tried under the noise of the table alone: it is known, and no misfit is known
-        to be there that may not come from forces that depend on motion.
+        to be there that may not come from nonlinear forces.
         """
         return self.measurement.sigma is not None and (self.floor == NO_NOISE or self.forces_in_floor)
 
     @cached_property
     def containing(self) -> dict[str, Effects]:
-        """Of every effect whose force depends on motion those that it is with some of their parameters at zero: of a
+        """Of every nonlinear force those effects that it is with some of their parameters at zero: of a
         clearance the rub.
         """
         labels = {name: {e.label for e in self.space.entries if e.effect == name} for name in self.coupled}
@@ -273,7 +273,7 @@ def make_contest(
 
 def with_floor(contest: Contest, contender: Contender) -> Contest:
     """The contest with the scatter between runs that influence coefficients leave; a contender's residual takes out the
-    rest. None beside a force that depends on motion: what any effect does there need not be linear in what is
+    rest. None beside a nonlinear force: what any effect does there need not be linear in what is
     installed, so that a scatter could hide it.
     """
     if not contest.space.is_linear_at(contender.best.point):

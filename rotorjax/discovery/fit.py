@@ -44,7 +44,7 @@ NOT_STEADY = (
     "no steady motion was found with these values, so that the prediction is only to first order along the measured "
     "motion"
 )
-"""What a fit says whose forces that depend on motion were laid along the measured motion and no further."""
+"""What a fit says whose nonlinear forces were laid along the measured motion and no further."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +113,7 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
 
     Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p
-    is normal, with long tails for the size of a force that depends on motion: `rotorjax.inference.prior`), by
+    is normal, with long tails for the size of a nonlinear force: `rotorjax.inference.prior`), by
     Levenberg-Marquardt from every declared start; the best descent wins. Standard errors are the larger of the
     posterior's and of the cluster-robust ones over runs (Liang, Zeger 1986, Biometrika 73:13-22), so that scatter
     between runs widens them; with fewer than four runs the clusters are single cases, which scatter between runs

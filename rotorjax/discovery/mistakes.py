@@ -1,9 +1,9 @@
 """Whether something was written down wrongly: changes of what rig file and table state, in the race with effects.
 
-For each change all effects are fitted at once but those that cost many times as much: forces that depend on motion, and
+For each change all effects are fitted at once but those that cost many times as much: nonlinear forces, and
 a sweep. No set of them can do better, so that what misses by more than the best answer known need not be searched; what
 may come near is searched as the original is. Where they do not hold within the noise with what is stated, no set of
-them is tried under that noise before a force that depends on motion holds.
+them is tried under that noise before a nonlinear force holds.
 """
 
 import dataclasses
@@ -115,8 +115,8 @@ def _screened(
 
 
 def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progress) -> list[Screened]:
-    """Changes of the rotor's weight, the most probable first, if one holds within the noise of the table beside a force
-    that depends on motion where no effect does beside what is stated; else none.
+    """Changes of the rotor's weight, the most probable first, if one holds within the noise of the table beside a
+    nonlinear force where no effect does beside what is stated; else none.
 
     Looked at before a second effect is, and before any misfit is allowed for: beside a wrong weight forces are added
     without end.
@@ -139,7 +139,7 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
 def _search_as_stated(begun: Begun, stated: Screened | None, most: int, progress: Progress, *, endless: bool) -> Answer:
     """What is stated, searched: where all linear effects at once hold, from a pair of
     them that does, if there is one; else effect by effect, and where that leads to no answer that holds, from more of
-    them that do. **Arguments:** ``stated``: the fit of all; ``endless``: whether forces that depend on motion may make
+    them that do. **Arguments:** ``stated``: the fit of all; ``endless``: whether nonlinear forces may make
     up for something wrong without end, as for another weight, or where the noise is unknown, so that two fifths of the
     linearisations are left.
     """
@@ -170,7 +170,7 @@ def _without_what_is_stated(
 ) -> tuple[MistakeRace | None, Doubts]:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
-    force that depends on motion may hold. **Arguments:** ``begun``: the search beside what is stated; ``ahead``: those
+    nonlinear force may hold. **Arguments:** ``begun``: the search beside what is stated; ``ahead``: those
     changes; ``doubts``: all, another of which may do as well beside the forces of that answer. **Returns** nothing
     where none does within half of the linearisations left; and the doubts, with the answer of the nearest if it misses.
     """

@@ -147,7 +147,7 @@ class _Compared(NamedTuple):
         m, limits = contest.measurement, contest.measurement.knowledge.limits
         largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
         most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
-        # Where a force depends on the motion there may be no steady state to compute.
+        # Where a force is nonlinear there may be no steady state to compute.
         allowed = clear & known & np.all([np.abs(z).reshape(count, -1).max(axis=1) <= most for z in shown], axis=0)
         return cls(contest, (shown[0], shown[1]), np.concatenate([*spread, random], axis=2), allowed)
 

@@ -20,7 +20,7 @@ from rotorjax.inference.squares import squares_of
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
 NOISE_FALL = 0.5
-"""What is left of the noise from which on forces that depend on motion begin at measured motions, too."""
+"""What is left of the noise from which on nonlinear forces begin at measured motions, too."""
 WORTH_TRYING = 40.0
 """Log evidence behind the best on all data up to which an effect may win beside others, or on a part of the data."""
 
@@ -340,8 +340,8 @@ def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
 
 
 def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
-    """Hypotheses under the noise of the table alone; where some misfit is known to be there those with forces that
-    depend on motion, which that misfit may come from. If none of them holds some are missing.
+    """Hypotheses under the noise of the table alone; where some misfit is known to be there those with
+    nonlinear forces, which that misfit may come from. If none of them holds some are missing.
     """
     if not contest.tried_exactly:
         return Exact({}, None)

@@ -1,6 +1,6 @@
 """All linear effects at once beside what is stated, and beside changes of it: what no set of them can do better than.
 
-Forces that depend on motion, and a sweep, cost many times as much, and are left out.
+Nonlinear forces, and a sweep, cost many times as much, and are left out.
 """
 
 import dataclasses
@@ -22,13 +22,13 @@ from rotorjax.inference.prediction import predict
 
 HALVED = 0.5
 """Share of the misfit, or of the cost with all linear effects, that a change must leave at most to count where it does
-not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn forces that
-depend on motion; mistakes left 0.03 to 0.07.
+not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn nonlinear
+forces; mistakes left 0.03 to 0.07.
 """
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
 BESIDE_FORCES = QUICK._replace(most_steps=16, again=False)
-"""The same beside forces that depend on motion, as many steps as motions need to balance: before, a cost says little.
+"""The same beside nonlinear forces, as many steps as motions need to balance: before, a cost says little.
 """
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
@@ -81,7 +81,7 @@ class Screened(NamedTuple):
 
     @property
     def beside(self) -> Effects:
-        """What else is in the fit: forces that depend on motion, and a sweep."""
+        """What else is in the fit: nonlinear forces, and a sweep."""
         contest = self.change.contest
         free = np.isin(np.arange(len(self.end.point)), self.end.free)
         return frozenset(contest.space.effects_of(free)) & contest.costly
@@ -145,7 +145,7 @@ def screen(
 ) -> Screened:
     """All linear effects at once, from where the model has them, or the lowest of descents from some ``starts``.
 
-    **Arguments:** ``own``: an answer whose forces that depend on motion, and sweep, are fitted too; ``also``: further
+    **Arguments:** ``own``: an answer whose nonlinear forces, and sweep, are fitted too; ``also``: further
     effects; ``manner`` of the descent; ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest

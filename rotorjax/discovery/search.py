@@ -162,7 +162,7 @@ def begin(contest: Contest, *, known: Known | None = None, progress: Progress = 
 def with_set(begun: Begun, most: int, fits: Mapping[Effects, End] | None = None, *, least: int = 2) -> Begun:
     """Begun with a set of effects that holds, from ``least`` to ``most`` together, if there is one and all of it
     matter. **Arguments:** ``fits`` of all linear effects at once from which it is read, as for `holding_set`; by
-    default one beside every force that depends on motion.
+    default one beside every nonlinear force.
     """
     if most < least or begun.holds or not begun.contest.tried_exactly:
         return begun

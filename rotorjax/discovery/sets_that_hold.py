@@ -1,6 +1,6 @@
 """Small sets of effects that hold within the noise of the table, read from a fit of all linear effects at once.
 
-A force that depends on motion with an unknown unbalance beside it, say, as in most measurements: neither holds by
+A nonlinear force with an unknown unbalance beside it, say, as in most measurements: neither holds by
 itself, and under a misfit wide enough for one of them many others do as well. So each force is fitted with all linear
 effects at once, under the noise of the table: no set of those can do better beside it. Where that holds, the curvature
 of the cost says to second order what every set of them would leave, and the best of each size are fitted.
@@ -77,7 +77,7 @@ class _Saturated(NamedTuple):
 
 
 def beside_all_linear(contest: Contest) -> dict[Effects, End]:
-    """Every force that depends on motion and may hold with all linear effects under the noise of the table, its best
+    """Every nonlinear force that may hold with all linear effects under the noise of the table, its best
     fit begun.
     """
     given, starts, owner = contest.space.given_unknowns(), [], []

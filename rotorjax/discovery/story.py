@@ -148,7 +148,7 @@ def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]
     """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of
     them.
 
-    A force that depends on motion may drive any order, a stop for instance once the rotor reaches it.
+    A nonlinear force may drive any order, a stop for instance once the rotor reaches it.
     """
     full = model.with_orders(measurement.orders)
     if is_coupled(full):

@@ -1,4 +1,4 @@
-"""Forces that depend on motion and shaft angle, and a probe that saturates: what needs harmonic balance."""
+"""Nonlinear forces, stiffness that turns with the shaft, and a probe that saturates: what needs harmonic balance."""
 
 from typing import ClassVar
 
@@ -52,7 +52,7 @@ def drive_objection(friction: Array) -> str | None:
 
 def stop_remark(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
     """Whether the rotor at rest lies in a stop."""
-    sag = float(rotor.mass * jnp.hypot(rotor.gravity[0], rotor.gravity[1]) / jnp.mean(rotor.stiffness))
+    sag = float(rotor.mass * jnp.hypot(*(rotor.gravity / rotor.stiffness)))
     if float(stiffness) > 0.0 and float(inverse_gap) * sag > 1.0:
         gap, sag = 1.0 / (float(inverse_gap) * MICROMETRE), sag / MICROMETRE
         return (

@@ -1,7 +1,7 @@
 """Least squares for motion and parameters together, from many starts, on many subsets of the cases:
 Levenberg-Marquardt.
 
-Where forces depend on motion a descent begins with the motion that was measured, which need not balance, and the
+Where forces are nonlinear a descent begins with the motion that was measured, which need not balance, and the
 balance is enforced more and more strictly as it goes on (`rotorjax.inference.linearised`). No equation of motion is
 solved on the way, so that none can fail; at the end the balance is exact, or the cases are named in which it is not.
 """

@@ -2,7 +2,7 @@
 
 A declared prior scale says how strong an effect may well be; that most are weaker by decades is as likely. The
 evidence is the mean over prior scales s_k = 3^k times the declared one, for the strength of every effect by itself:
-from where it could just be seen up to the declared scale, or 2000 times that for a force that depends on motion and a
+from where it could just be seen up to the declared scale, or 2000 times that for a nonlinear force and a
 probe's saturation. Of two effects that fit as well with as many parameters neither is then preferred for the scale that
 somebody chose. An effect that often has a simpler form (`Effect.forms`: errors of the stiffness that are the same along
 x and y, one probe off and not the other, an eccentric probe track) is averaged over these too, each as likely as that

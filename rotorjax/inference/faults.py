@@ -19,7 +19,7 @@ from rotorjax.physics.steady_state import is_coupled
 
 def fault_sensitivity(model: Model, conditions: Conditions) -> Float[np.ndarray, "case probe order 2 4"]:
     """Derivative of real and imaginary parts by (U_x, U_y, s_x, s_y) on the disk [m per kg m, m per m], of the model
-    without forces that depend on motion.
+    without nonlinear forces.
     """
     return LinearRotor(model).sensitivity(conditions)
 

@@ -114,7 +114,7 @@ class Kernels:
 
     @property
     def warm(self) -> bool:
-        """Whether the program for forces that depend on motion was called before."""
+        """Whether the program for nonlinear forces was called before."""
         return self._balanced.program.warm
 
     def make_ahead(self, conditions: Conditions) -> None:
@@ -145,7 +145,7 @@ class Kernels:
         return 2 * len(self.grid.finer.orders) - 1
 
     def linear(self, rows: Rows) -> Reading:
-        """Every order in closed form, forces that depend on motion left out."""
+        """Every order in closed form, nonlinear forces left out."""
         shown, slopes = self._linear(*rows.steady)
         return self._with_sweep(rows, shown, slopes[:, rows.wanted])
 
@@ -254,7 +254,7 @@ def _sweep_of_fit(space: Space, unknowns: Array, columns: Array, *conditions: Ar
 def _with_slopes(
     vectors: Callable[[Model, Conditions], Array], space: Space, unknowns: Array, columns: Array, *conditions: Array
 ) -> tuple[Array, Array]:
-    """Vectors of the rotor without forces that depend on motion, and their slopes."""
+    """Vectors of the rotor without nonlinear forces, and their slopes."""
 
     def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
         def shown(at: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The rotor without forces that depend on motion, and its measuring chain, at any number of conditions.
+"""The rotor without nonlinear forces, and its measuring chain, at any number of conditions.
 
 One program serves every model, measurement and number of conditions: its shape depends on the probes, the orders and
 the number of planes.
@@ -41,7 +41,7 @@ class Sight(NamedTuple):
 
 
 def in_linear_company(model: Model) -> Model:
-    """The model without forces that depend on motion, with all linear effects of the catalogue: the compiled code is
+    """The model without nonlinear forces, with all linear effects of the catalogue: the compiled code is
     then the same for every model.
     """
     linear = (cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect))

@@ -25,7 +25,7 @@ STEPS = 20
 def first_motions(
     lin: Linearisation, points: list[Float[np.ndarray, "param"]]
 ) -> list[Float[np.ndarray, "state dof wide"]]:
-    """Motions that show what was measured: those of the rotor without forces that depend on motion, changed as little
+    """Motions that show what was measured: those of the rotor without nonlinear forces, changed as little
     as possible.
 
     A change that goes along with the motion of its order, in both directions alike, counts least: where one direction

@@ -1,4 +1,4 @@
-"""The prior of the unknowns: normal, with long tails for the size of forces that depend on motion and of a probe's
+"""The prior of the unknowns: normal, with long tails for the size of nonlinear forces and of a probe's
 saturation.
 """
 
@@ -30,7 +30,7 @@ def together(open_size: Int[np.ndarray, "free"]) -> Float[np.ndarray, "free free
 def prior_at(unknowns: Float[np.ndarray, "*point free"], parts: Float[np.ndarray, "free free"]) -> Prior:
     """The prior of some unknowns, in units of their scales.
 
-    A standard normal for each; but the size r = |u| of a force that depends on motion, or of a probe's saturation, has
+    A standard normal for each; but the size r = |u| of a nonlinear force, or of a probe's saturation, has
     a tail by a power, as nobody knows beforehand how strong a cubic spring or a rub is: thirty times the usual must not
     be excluded by its size alone. Parameters with one unit, like the two components of a crack, have one size.
 

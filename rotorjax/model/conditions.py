@@ -31,7 +31,7 @@ class Layout(NamedTuple):
 
 
 class HarmonicBalance(NamedTuple):
-    """How finely the steady state is balanced under forces that depend on motion."""
+    """How finely the steady state is balanced under nonlinear forces."""
 
     least_order: int = 7
     """Highest order balanced, at least: a crack at a third of the resonance needs 7X."""

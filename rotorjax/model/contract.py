@@ -292,7 +292,7 @@ class Instant(NamedTuple):
 
 
 class RestoringEffect(Effect):
-    """A force that depends on motion and shaft angle: the response then comes from harmonic balance."""
+    """A nonlinear force, or a stiffness that turns with the shaft: the response then comes from harmonic balance."""
 
     @abc.abstractmethod
     def force(self, instant: Instant) -> Float[Array, "dof"]:

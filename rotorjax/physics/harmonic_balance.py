@@ -1,4 +1,4 @@
-"""Harmonic balance by alternating frequency and time: the steady state under forces that depend on the motion.
+"""Harmonic balance by alternating frequency and time: the steady state under nonlinear forces.
 
 Motion over one period of the base order: q(φ) = a_0 + Σ Re[q_n e^{inφ}], φ = Ωt. Its coefficients y, per direction
 (a_0, Re q_n, Im q_n, ...), solve y = L(F - N(y)): L the linear rotor, order by order, N(y) the same coefficients of the
@@ -102,8 +102,7 @@ def make_grid(orders: tuple[float, ...], settings: HarmonicBalance) -> Grid:
     if turns is None:
         shown = ", ".join(f"{order:g}" for order in orders)
         raise InputError(
-            f"orders {shown}: with a force that depends on motion they must be multiples of 1, 1/2, 1/3 or 1/4; leave "
-            "the others out"
+            f"orders {shown}: with a nonlinear force they must be multiples of 1, 1/2, 1/3 or 1/4; leave the others out"
         )
     highest = max(settings.least_order, math.ceil(max(orders)) + settings.margin)
     orders = tuple(k / turns for k in range(highest * turns + 1))

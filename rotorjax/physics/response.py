@@ -1,6 +1,6 @@
 """The one forward door: from a model and its conditions to complex vibration vectors.
 
-Without forces that depend on motion every order has a closed form; with them the orders are balanced together.
+Without nonlinear forces every order has a closed form; with them the orders are balanced together.
 """
 
 import dataclasses
@@ -90,7 +90,7 @@ def response(model: Model | AbstractRotor, conditions: Conditions) -> Complex[Ar
     (`rotorjax.physics.sweep`). Differentiable in every number of model and conditions.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** shape (case, probe,
-    order), orders as in ``model.layout.orders``; not a number where forces depend on motion and no steady state was
+    order), orders as in ``model.layout.orders``; not a number where forces are nonlinear and no steady state was
     found: `steady_states` says of every condition what was found (``result``). Without damping the response at a
     critical speed is infinite. Source: Huang et al. 2026, Sensors 26:2565, equations 1-9; Genta, Dynamics of Rotating
     Systems, 2005, chapter 2.

@@ -1,4 +1,4 @@
-"""Forces that depend on motion, as coefficients of their orders along a motion, and the slopes of those.
+"""Nonlinear forces, as coefficients of their orders along a motion, and the slopes of those.
 
 Alternating frequency and time: the motion is put together at instants of one period, the force is taken there, and
 analysed.

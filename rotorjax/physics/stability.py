@@ -25,7 +25,7 @@ SELF_EXCITING = ("cross_coupling", "internal_damping")
 """Effects of the linear rotor that may make it unstable."""
 GROWTH, LINEAR_GROWTH = 1e-3, 1e-4
 """Of a disturbance in one period, up to which a motion counts as stable: forces with corners leave errors of the first
-size; the second is for models without forces that depend on motion. A rotor without damping has multipliers of one.
+size; the second is for models without nonlinear forces. A rotor without damping has multipliers of one.
 """
 MOST_OTHERS = 3
 """Further steady states that are reported per condition."""
@@ -181,14 +181,14 @@ def steady_states(model: Model | AbstractRotor, conditions: Conditions) -> Stead
     """What `response` shows at every condition, whether it is stable, and which other steady states were found there.
 
     Stable: the largest absolute Floquet multiplier over one period, a turn of the shaft or two to four where the model
-    has fractions of an order, is at most 1.001 (1.0001 without forces that depend on motion). Others are searched by
+    has fractions of an order, is at most 1.001 (1.0001 without nonlinear forces). Others are searched by
     following the steady state in speed from
     0.6 times the speed of the condition (0.8 times the natural frequency if that is less) and from 1.5 times, installed
     unbalance and bow unchanged, with a push towards fractions of an order where the model has any, and by Newton's
     method from motions of several sizes and, at fractions, directions; where nothing stable was found so, by
     integration in time over 200 turns from near the motion shown, from rest and from the motion of the linear rotor.
     That none was found is no proof that there is none. Motion that does not repeat itself within such a period is not
-    found. Without forces that depend on motion there is one steady state, which internal damping or cross-coupling can
+    found. Without nonlinear forces there is one steady state, which internal damping or cross-coupling can
     make unstable. Not differentiable.
 
     **Arguments:** ``model``, or a rotor alone; ``conditions`` with one leading axis. **Returns** `SteadyStates`.

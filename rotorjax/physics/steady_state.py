@@ -1,4 +1,4 @@
-"""The steady state of a model with forces that depend on motion, and with probes that bend the waveform."""
+"""The steady state of a model with nonlinear forces, and with probes that bend the waveform."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""The search for steady states of a rotor whose forces depend on motion: followed in speed, and let go in time.
+"""The search for steady states of a rotor with nonlinear forces: followed in speed, and let go in time.
 
 Newton's method finds the one near which it begins; so it begins with motions followed from other speeds, of several
 sizes and directions, and where all that were found are unstable with what the rotor comes to when it is let go.
@@ -128,7 +128,7 @@ def _pushes(free: Coefficients) -> Float[Array, "start dof coefficient"]:
 
 
 def _balanced(model: Model, condition: Conditions) -> Found:
-    """Steady states of a case with forces that depend on motion."""
+    """Steady states of a case with nonlinear forces."""
     extra = jnp.zeros((0,)) if model.slow_roll is None else model.slow_roll[None]
     speeds = jnp.concatenate([condition.speed[None], _shares(model, condition) * condition.speed, extra])
     shown, found = jax.vmap(lambda speed: coupled_vectors(model, _at(condition, speed)))(speeds)

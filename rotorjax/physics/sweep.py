@@ -190,7 +190,7 @@ def sweeps(model: Model, conditions: Conditions) -> bool:
 
 
 def added_by_sweep(model: Model, condition: Conditions) -> Complex[Array, "probe order"]:
-    """What the sweep of one case adds to its vectors [m]: that of the linear rotor, where forces depend on motion."""
+    """What the sweep of one case adds to its vectors [m]: that of the linear rotor, where forces are nonlinear."""
     rate = rate_of(model, condition)
     condition = dataclasses.replace(condition, speed=true_speed(model, condition.speed))
     orders = jnp.asarray(model.layout.orders, dtype=condition.speed.dtype)

@@ -44,9 +44,9 @@ def measurement_line(m: Measurement) -> str:
         noise = "noise unknown: inferred from what the fit leaves"
     else:
         source = "from repeats" if m.noise == "repeats" else "given"
-        error = float(np.median(m.sigma[m.present])) / MICROMETRE
-        alone = number(m.noise_rms / MICROMETRE)
-        noise = f"standard error {number(error)} µm per component ({source}): noise alone is {alone} µm rms"
+        alone = m.noise_rms / MICROMETRE
+        error = number(alone / np.sqrt(2.0))
+        noise = f"standard error {error} µm per component ({source}): noise alone is {number(alone)} µm rms"
     runs = "1 run" if len(m.runs) == 1 else f"{len(m.runs)} runs"
     probes = ", ".join(probe if probe in m.probes_read else f"{probe} (not read)" for probe in m.probes)
     return (

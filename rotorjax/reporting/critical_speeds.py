@@ -96,7 +96,7 @@ def critical_speeds_table(story: Story) -> Table | None:
         _margin_note(story.lateral.speeds) if apart else "",
         "Amplification factor from the half-power width; where another mode is near, from the damping ratio: 1/(2ζ).",
         "Amplitudes at 1X, zero-to-peak, with nothing installed." if probes else "",
-        "Forces that depend on motion are left out." if story.lateral.linearised else "",
+        "Nonlinear and time-periodic forces are left out." if story.lateral.linearised else "",
     ]
     margin = MARGIN[story.lateral.speeds.kind]
     headers = [*HEADERS, *(f"{probe} µm" for probe in probes), margin]
@@ -137,7 +137,7 @@ def _least(found: Lateral) -> str:
     onset = (
         f"unstable from {least.onset_rpm:.0f} rpm on"
         if least.onset_rpm is not None
-        else f"stable up to {BEYOND * speeds.high_rpm:.0f} rpm"
+        else f"no mode grows up to {BEYOND * speeds.high_rpm:.0f} rpm, where the search ends"
     )
     return f"least logarithmic decrement {number(least.log_decrement)} at {least.speed_rpm:.0f} rpm, {onset}"
 

@@ -225,7 +225,7 @@ def _not_fitted(found: Explanation, step: int) -> list[str]:
     missing = frozenset(contest.candidates) - fitted
     kinds = (
         ("other linear effects", missing - contest.costly),
-        ("forces that depend on motion", missing & contest.coupled),
+        ("nonlinear forces", missing & contest.coupled),
         ("a changing speed", missing & contest.sweeping),
     )
     words = [kind for kind, some in kinds if some]

@@ -1,4 +1,4 @@
-"""Harmonic balance against time integration: every force that depends on motion, alone and all together, below, near
+"""Harmonic balance against time integration: every nonlinear force, alone and all together, below, near
 and above resonance.
 """
 

@@ -1,4 +1,4 @@
-"""Forces that depend on motion beside something else: two at once, an uncertain rig, unknown noise, a probe, runs or
+"""Nonlinear forces beside something else: two at once, an uncertain rig, unknown noise, a probe, runs or
 speeds that are missing.
 """
 

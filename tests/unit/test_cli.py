@@ -489,7 +489,7 @@ def test_explain_refuses_with_a_cure(example, capsys, option, message):
 
 
 def test_what_cannot_be_balanced_is_refused_with_a_cure(tmp_path, capsys):
-    """An order such as oil whirl has, under a force that depends on motion; a model that has no steady state as it was
+    """An order such as oil whirl has, under a nonlinear force; a model that has no steady state as it was
     declared.
     """
     csv, toml = write(tmp_path)

@@ -67,7 +67,7 @@ def test_weight_is_gradient_and_bounds_curvature(size: float):
 
 
 def test_sizes_are_left_open_unless_told():
-    """Of forces that depend on motion: their strength and their gap, not a coefficient of friction, and not what the
+    """Of nonlinear forces: their strength and their gap, not a coefficient of friction, and not what the
     user gave a scale.
     """
     model = (

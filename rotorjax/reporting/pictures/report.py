@@ -226,7 +226,7 @@ def _campbell(story: Story) -> list[tuple[str, Figure]]:
     if found[1] is not None:
         caption = f"{caption} Thin, dashed: as declared."
     if story.lateral.linearised:
-        caption = f"{caption} Forces that depend on motion are left out."
+        caption = f"{caption} Nonlinear and time-periodic forces are left out."
     return [(caption, drawn)]
 
 
