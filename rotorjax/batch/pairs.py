@@ -2,14 +2,14 @@
 
 import csv
 import hashlib
-import io
-import tomllib
+import re
 from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
 from rotorjax.data.files import read_text
+from rotorjax.data.named_files import recordings_named
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
@@ -47,13 +47,8 @@ def _content_digest(path: Path) -> bytes:
 
 
 def recordings_of(rig: Path) -> tuple[Path, ...]:
-    """Recordings that a rig file names; none where it cannot be read."""
-    try:
-        document = tomllib.loads(rig.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return ()
-    named = document.get("recordings")
-    return tuple(rig.parent / file for file in named) if isinstance(named, dict) else ()
+    """Recordings that a rig file names, that of the slow roll too; none where it cannot be read."""
+    return tuple(rig.parent / file for file in recordings_named(rig))
 
 
 def pairs(source: Path, written: Collection[Path] = ()) -> list[Pair]:
@@ -104,25 +99,28 @@ def _name(path: Path, folder: Path) -> str:
 
 
 def _in_list(path: Path) -> list[Pair]:
-    text = read_text(path)
-    lines = text.splitlines()
-    if not lines:
+    lines = re.split(r"\r\n|\r|\n", read_text(path))
+    if not any(lines):
         raise InputError(f"{path}: the file is empty; its first line must be the header data,rig")
-    reader = csv.DictReader(io.StringIO(text), delimiter=max(_DELIMITERS, key=lines[0].count), skipinitialspace=True)
-    header = [(name or "").strip() for name in reader.fieldnames or ()]
-    reader.fieldnames = header
+    reader = csv.DictReader(lines, delimiter=max(_DELIMITERS, key=lines[0].count), skipinitialspace=True)
+    try:
+        header = [(name or "").strip() for name in reader.fieldnames or ()]
+        reader.fieldnames = header
+        rows = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise InputError(f"{path}:{reader.line_num + 1}: {error}; write plain text cells") from error
     if missing := [column for column in ("data", "rig") if column not in header]:
         raise InputError(
             f"{path}:1: column {missing[0]!r} is missing; write a list with the columns data,rig, or give a folder"
         )
     found, problems = [], []
-    for row in reader:
+    for line, row in rows:
         data, rig, name = ((row.get(column) or "").strip() for column in ("data", "rig", "name"))
         if not data and not rig:
             continue
         if not rig or (not data and not recordings_of(path.parent / rig)):
             column, cure = ("rig", "") if not rig else ("data", ", or a rig file that names recordings")
-            problems.append(f"{path}:{reader.line_num}: column {column!r} is empty; give the path of a file{cure}")
+            problems.append(f"{path}:{line}: column {column!r} is empty; give the path of a file{cure}")
             continue
         found.append(Pair(harmless(name or data or rig), path.parent / data if data else None, path.parent / rig))
     twice = [name for name, count in Counter(pair.name for pair in found).items() if count > 1]

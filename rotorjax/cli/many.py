@@ -68,6 +68,8 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(
             f"{options.source}: does not exist; give a folder with tables and rig files, or a list of them"
         )
+    if options.html is not None and options.html.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--html {options.html}: name a file that ends in .html")
     if options.reports is not None and options.reports.exists() and not options.reports.is_dir():
         raise InputError(f"--reports {options.reports}: is a file; name a folder")
     for flag in ("only", "exclude"):

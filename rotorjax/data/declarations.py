@@ -17,9 +17,6 @@ from rotorjax.units import RPM
 
 MIL = 25.4
 """A thousandth of an inch, in µm."""
-SLOW_ROLL_RPM = 250.0
-"""Speed of the slow roll where a rig file does not state it."""
-
 FEW_RUNS, MOST_ABOUT_RUNS = 4, 8
 """Runs from which on influence coefficients choose among changes of what was installed, and how many they leave."""
 KINDS = (
@@ -44,6 +41,8 @@ KINDS = (
 """All kinds of changes, by name."""
 OF_WEIGHT = ("weight_absent", "weight_direction")
 """Those that change the weight of the rotor: what balancing weights do, `weight_angles_reversed`, is none of them."""
+OF_RUNS = ("runs_exchanged", "trial_weight_absent", "trial_weight_opposite")
+"""Those of what was installed in single runs."""
 OF_READING = tuple(kind for kind in KINDS if kind.startswith(("amplitude", "phase", "probe")))
 """Those of how the table is to be read."""
 
@@ -133,7 +132,7 @@ def promising(model: Model, measurement: Measurement, every: list[Mistake]) -> l
     for each plane, and for the bow, times what is installed. Of many runs those changes are kept that leave the least
     beside that.
     """
-    about_runs = [mistake for mistake in every if mistake.about and set(mistake.about) <= set(measurement.runs)]
+    about_runs = [mistake for mistake in every if mistake.kind in OF_RUNS]
     if len(measurement.runs) < FEW_RUNS or len(about_runs) <= MOST_ABOUT_RUNS:
         return every
     left = {mistake.name: _beside_influence(mistake.corrected(model, measurement)[1]) for mistake in about_runs}
@@ -230,7 +229,7 @@ def _probes(model: Model, m: Measurement) -> Iterator[Mistake]:
             leaves = (as_array(np.asarray(part)[order]) for part in _parts(model))
             return eqx.tree_at(_parts, model, tuple(leaves)), m
 
-        about = (one, other) if len(names) > 2 else ()
+        about = (one, other) if len(model.layout.probes) > 2 else ()
         cure = f"[probes]: exchange the directions of {one} and {other}"
         yield Mistake(
             "probes_exchanged", about, f"the cables of probes {one} and {other} are exchanged", cure, exchanged
@@ -267,7 +266,7 @@ def _weight(model: Model, _: Measurement) -> Iterator[Mistake]:
 
 def _slow_roll(model: Model, _: Measurement) -> Iterator[Mistake]:
     def corrected(model: Model, m: Measurement) -> Stated:
-        speed = None if model.slow_roll is not None else as_array(np.asarray(SLOW_ROLL_RPM * RPM))
+        speed = None if model.slow_roll is not None else as_array(np.asarray(m.knowledge.slow_roll_rpm * RPM))
         return dataclasses.replace(model, slow_roll=speed), m
 
     stated = model.slow_roll is not None

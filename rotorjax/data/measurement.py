@@ -12,6 +12,8 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
 
+SLOW_ROLL_RPM = 250.0
+"""Speed of the slow roll where a rig file does not state it."""
 Amplitude = Literal["peak", "peak-to-peak", "rms"]
 """How amplitudes are written in a table."""
 PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": 2.0**0.5}
@@ -83,6 +85,8 @@ class Knowledge:
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
     limits: Limits = dataclasses.field(default_factory=Limits)
+    slow_roll_rpm: float = SLOW_ROLL_RPM
+    """Speed of the slow roll, were its vectors subtracted."""
     amplitude: Amplitude | None = "peak"
     """What the table's amplitudes are said to be; none where recordings were read, which no convention concerns."""
 

@@ -126,8 +126,7 @@ class Rig:
         **Arguments:** ``mistake``: what was written down wrongly, if anything, put right. **Returns** whether it could
         be: what is wrong in the table is not in this file.
         """
-        document = tomlkit.parse(self.text)
-        right = mistake is None or put_right(document, mistake)
+        document, right = (tomlkit.parse(self.text), True) if mistake is None else put_right(self.text, mistake)
         document.pop("effects", None)
         model = self._with_other_orders(model)
         if model.effects:
@@ -202,7 +201,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
         convention_section.choice("weight_angles", ("with-rotation", "against-rotation")),  # type: ignore[arg-type]
     )
     rotation = convention_section.choice("rotation", ("x-to-y", "y-to-x"), TURNS)
-    slow_roll = slow_roll_of(convention_section)
+    slow_roll_rpm, subtracted = slow_roll_of(convention_section)
     convention_section.close()
     planes = planes_of(document)
     participation = {name: plane.participation for name, plane in planes.items()}
@@ -212,13 +211,13 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     knowledge = Knowledge(
         **uncertainty_of(document, tuple(model_parts[1])), priors=priors_of(document, catalog),
         limits=limits_of(document), tolerance=tolerance, run_scatter=scatter,
-        amplitude=convention.amplitude,
+        amplitude=convention.amplitude, slow_roll_rpm=slow_roll_rpm,
     )  # fmt: skip
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = effects_of(document, layout, catalog)
     waveform = waveform_of(document, tuple(model_parts[1]), tuple(runs))
     document.raise_problems()
-    model = _assemble(model_parts[0], model_parts[1], participation, slow_roll)
+    model = _assemble(model_parts[0], model_parts[1], participation, slow_roll_rpm * RPM if subtracted else None)
     orders = {order for _, _, named in declared for order in named}
     model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
     model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])

@@ -1,5 +1,7 @@
 """What was written down wrongly, put right in the text of a rig file; everything else stays as the user wrote it."""
 
+import contextlib
+import tomllib
 from collections.abc import Callable
 from typing import Any
 
@@ -8,90 +10,97 @@ import tomlkit
 from rotorjax.data.declarations import TRUE_AMPLITUDES, Mistake
 
 _OPPOSITE = {"+x": "-x", "x": "-x", "-x": "+x", "+y": "-y", "y": "-y", "-y": "+y"}
-Edit = Callable[..., bool]
-"""Changes a document, given what the mistake is about. **Returns** whether it could."""
+Edit = Callable[..., None]
+"""Changes a document, or the plain values in it, given what the mistake is about."""
 
 
-def put_right(document: tomlkit.TOMLDocument, mistake: Mistake) -> bool:
-    """Change the document where a mistake was written down. **Returns** whether that is in the rig file: numbers in
-    another unit are in the table.
+def put_right(text: str, mistake: Mistake) -> tuple[tomlkit.TOMLDocument, bool]:
+    """The document with what was written down wrongly changed, and whether that is in the rig file: numbers in another
+    unit are in the table.
+
+    A section that does not come out right as it is laid out (dotted keys, a run in several places) is written anew.
     """
-    return _EDITS[mistake.kind](document, *mistake.about) if mistake.kind in _EDITS else False
+    document, wanted = tomlkit.parse(text), tomllib.loads(text)
+    if mistake.kind not in _EDITS:
+        return document, False
+    edit = _EDITS[mistake.kind]
+    edit(wanted, *mistake.about)
+    with contextlib.suppress(Exception):
+        edit(document, *mistake.about)
+        if tomllib.loads(tomlkit.dumps(document)) == wanted:
+            return document, True
+    stated, document = tomllib.loads(text), tomlkit.parse(text)
+    for name in wanted:
+        if wanted[name] != stated.get(name):
+            document.pop(name, None)
+            document.add(tomlkit.nl())
+            document.add(name, tomlkit.item(wanted[name]))
+    return document, True
 
 
 def _other(key: str, usual: str, unusual: str) -> Edit:
     """Of two conventions the one that is not stated."""
 
-    def edit(document: tomlkit.TOMLDocument) -> bool:
+    def edit(document: Any) -> None:
         convention = _section(document, "convention")
         convention[key] = usual if convention.get(key, usual) != usual else unusual
-        return True
 
     return edit
 
 
 def _amplitude(true: str) -> Edit:
-    def edit(document: tomlkit.TOMLDocument) -> bool:
+    def edit(document: Any) -> None:
         _section(document, "convention")["amplitude"] = true
-        return True
 
     return edit
 
 
-def _slow_roll(document: tomlkit.TOMLDocument) -> bool:
+def _slow_roll(document: Any) -> None:
     convention = _section(document, "convention")
     convention["slow_roll_subtracted"] = not convention.get("slow_roll_subtracted", False)
-    return True
 
 
-def _probes_exchanged(document: tomlkit.TOMLDocument, *pair: str) -> bool:
-    probes: Any = document["probes"]
+def _probes_exchanged(document: Any, *pair: str) -> None:
+    probes = document["probes"]
     _exchange(probes, *(pair or tuple(probes)))
-    return True
 
 
-def _probe_reversed(document: tomlkit.TOMLDocument, probe: str) -> bool:
-    probes: Any = document["probes"]
+def _probe_reversed(document: Any, probe: str) -> None:
+    probes = document["probes"]
     probes[probe]["angle_deg"] = _turned(probes[probe]["angle_deg"])
-    return True
 
 
-def _no_weight(document: tomlkit.TOMLDocument) -> bool:
-    rotor: Any = document["rotor"]
+def _no_weight(document: Any) -> None:
+    rotor = document["rotor"]
     rotor["gravity"] = "none"
-    return True
 
 
-def _weight_turned(document: tomlkit.TOMLDocument) -> bool:
-    rotor: Any = document["rotor"]
+def _weight_turned(document: Any) -> None:
+    rotor = document["rotor"]
     stated = rotor["gravity"]
     if isinstance(stated, str):
         rotor["gravity"] = _OPPOSITE[stated]
     else:
         stated["angle_deg"] = _turned(stated["angle_deg"])
-    return True
 
 
-def _runs_exchanged(document: tomlkit.TOMLDocument, one: str, other: str) -> bool:
+def _runs_exchanged(document: Any, one: str, other: str) -> None:
     _exchange(document["runs"], one, other)
-    return True
 
 
-def _trial_weight_absent(document: tomlkit.TOMLDocument, run: str) -> bool:
-    runs: Any = document["runs"]
+def _trial_weight_absent(document: Any, run: str) -> None:
+    runs = document["runs"]
     del runs[run]["unbalance"]
-    return True
 
 
-def _trial_weight_opposite(document: tomlkit.TOMLDocument, run: str) -> bool:
-    runs: Any = document["runs"]
+def _trial_weight_opposite(document: Any, run: str) -> None:
+    runs = document["runs"]
     weights = runs[run]["unbalance"]
     for weight in weights if isinstance(weights, list) else [weights]:
         weight["angle_deg"] = _turned(weight.get("angle_deg", 0.0))
-    return True
 
 
-def _section(document: tomlkit.TOMLDocument, name: str) -> Any:
+def _section(document: Any, name: str) -> Any:
     if name not in document:
         document[name] = tomlkit.table()
     return document[name]

@@ -8,12 +8,12 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rotorjax.data.measurement import PEAK, Amplitude, Installed, Limits, Row, Uncertain
+from rotorjax.data.measurement import PEAK, SLOW_ROLL_RPM, Amplitude, Installed, Limits, Row, Uncertain
 from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
-from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE, RPM
+from rotorjax.units import DEGREE, GRAM_MILLIMETRE, GRAVITY, MILLIMETRE
 
 _ORDER = re.compile(r"[0-9]{1,4}(\.[0-9]{1,6})?X")
 MOST_HOLES = 720
@@ -158,11 +158,9 @@ def _holes(table: Section) -> int | None:
     return int(count) if math.isfinite(count) else None
 
 
-def slow_roll_of(section: Section) -> float | None:
-    """Speed [rad/s] of the slow-roll vectors that were subtracted; none where they were not."""
-    subtracted = section.flag("slow_roll_subtracted")
-    speed = section.number("slow_roll_rpm", 250.0, above=0.0)
-    return speed * RPM if subtracted else None
+def slow_roll_of(section: Section) -> tuple[float, bool]:
+    """Speed [rpm] of the slow roll, and whether its vectors were subtracted."""
+    return section.number("slow_roll_rpm", SLOW_ROLL_RPM, above=0.0), section.flag("slow_roll_subtracted")
 
 
 def runs_of(document: Document, planes: dict[str, float], convention: Convention) -> dict[str, Installed]:

@@ -22,6 +22,8 @@ LARGEST = 1e9
 HIGHEST_ORDER = 100.0
 """No order of a vibration vector is higher."""
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(([,. '’\u00a0\u202f])\d{3})(\2\d{3})*([.,]\d+)?")
+_POINTS_OF_THOUSANDS = re.compile(r"[-+]?\d{1,3}(\.\d{3})+")
+_DECIMAL_COMMA = re.compile(r"(^|;)\s*[-+]?\d+,\d+\s*(;|$)")
 _DELIMITER_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 
@@ -39,6 +41,14 @@ class _Header(NamedTuple):
     delimiter: str
     columns: dict[str, int]
     width: int
+    decimal_commas: bool = False
+    """Whether any number below has one: a point then separates thousands."""
+
+    def number(self, text: str) -> float | None:
+        """A cell as a number, if it is one."""
+        if self.decimal_commas and _POINTS_OF_THOUSANDS.fullmatch(text):
+            return None
+        return _number(text, decimal_comma=self.delimiter == ";")
 
     def place(self, line: str, name: str) -> str:
         """A cell of a line: number and name of its column."""
@@ -62,6 +72,8 @@ def parse_table(text: str, path: Path, *, probes: Iterable[str] | None = None) -
         raise InputError(f"{path}: the file is empty; its first line must be the header {','.join(REQUIRED)}")
     notes: list[str] = []
     header = _read_header(path, *lines[0], notes)
+    if header.delimiter == ";":
+        header = header._replace(decimal_commas=any(_DECIMAL_COMMA.search(line) for _, line in lines[1:]))
     problems: list[str] = []
     rows: list[Row] = []
     numbers: list[int] = []
@@ -167,7 +179,7 @@ def _read_row(place: str, line: str, header: _Header, probes: list[str] | None, 
         written = cells[header.columns[name]]
         # Orders are also written as they are said: 1X.
         plain = written.removesuffix("X").removesuffix("x") if name == "order" else written
-        value = _number(plain, decimal_comma=header.delimiter == ";")
+        value = header.number(plain)
         if value is None:
             cure = "leave out the separator of thousands" if _THOUSANDS.fullmatch(written) else "write it like 12.5"
             problems.append(f"{where(name)}: {written!r} is not a finite number; {cure}{_as_commas(header)}")

@@ -4,12 +4,12 @@ Names that come with files are shown and compared, never used as paths: files ar
 """
 
 import secrets
-import tomllib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from rotorjax.data.named_files import recordings_named
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
@@ -98,7 +98,7 @@ def sorted_out(uploads: Sequence[Upload], limits: Limits) -> Given:
     if len(others) < len(uploads) - 1:
         twice = next(name for name in others if [upload.name for upload in uploads].count(name) > 1)
         raise InputError(f"{twice}: two files have this name; rename one, here and in the rig file")
-    named = _recordings_named(rig.path)
+    named = recordings_named(rig.path)
     table = next(iter(others.values())) if len(others) == 1 else None
     if table is not None and not _is_recording(table, named):
         if table.size > limits.table:
@@ -128,20 +128,6 @@ def _is_recording(upload: Upload, named: Sequence[str]) -> bool:
     """Whether the one file beside a rig file that names recordings is one: by its name, or as it is no text."""
     text = upload.path.suffix in ("", ".csv", ".txt")
     return bool(named) and (not text or upload.name in map(shown_name, named))
-
-
-def _recordings_named(path: Path) -> list[str]:
-    """Files that a rig file names, slow roll included; none where it cannot be read, which is said later with its
-    line.
-    """
-    try:
-        content: dict[str, Any] = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (ValueError, RecursionError):
-        return []
-    recordings, waveform = content.get("recordings"), content.get("waveform")
-    slow_roll = waveform.get("slow_roll") if isinstance(waveform, dict) else None
-    named = [*(recordings if isinstance(recordings, dict) else ()), *([slow_roll] if recordings else [])]
-    return list(dict.fromkeys(name for name in named if isinstance(name, str) and name))
 
 
 def _recordings_among(

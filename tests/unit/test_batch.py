@@ -264,6 +264,12 @@ def test_a_list_names_tables_and_rig_files(tmp_path: Path):
         with pytest.raises(InputError, match=problem):
             pairs(path)
 
+    path.write_text("data,rig\ra.csv,a.toml\rb.csv,b.toml\r")
+    assert [p.name for p in pairs(path)] == ["a.csv", "b.csv"]
+    path.write_text(f"data,rig\n{'a' * 200_000},r\n")
+    with pytest.raises(InputError, match=r":2: field larger"):
+        pairs(path)
+
 
 RECORDED = '[recordings."records/a.csv"]\nrun = "baseline"\n'
 
@@ -281,6 +287,22 @@ def test_a_rig_file_with_recordings_is_a_case_of_its_own(tmp_path: Path):
     before = found[1].digest
     (tmp_path / "other/records/a.csv").write_text("1,3\n")
     assert found[1].digest != before
+
+
+def test_the_slow_roll_is_a_recording_and_odd_rig_files_are_passed_over(tmp_path: Path):
+    (tmp_path / "rig.toml").write_bytes(b"\xef\xbb\xbf[waveform]\nslow_roll = 'slow.csv'\n" + RECORDED.encode())
+    touch(tmp_path, "slow.csv", "records/a.csv")
+    for name, text in (
+        ("deep", "a = " + "[" * 3000),
+        ("long", f"a = {'1' * 5000}"),
+        ("null", '[recordings."a\\u0000"]\n'),
+    ):
+        (tmp_path / f"{name}.toml").write_text(text)
+    found = pairs(tmp_path)
+    assert [p.name for p in found] == ["rig.toml"]
+    before = found[0].digest
+    (tmp_path / "slow.csv").write_text("1,3\n")
+    assert found[0].digest != before
 
 
 def test_a_list_may_name_a_rig_file_with_recordings_alone(tmp_path: Path):
@@ -416,6 +438,7 @@ def test_odd_files_are_rows(tmp_path: Path, capsys):
         (["--output", "{0}/a.csv"], "exists already"),
         (["--output", "{0}/none/r.csv"], "does not exist"),
         (["--output", "{0}/r.csv", "--html", "{0}/r.csv"], "is written by the same command"),
+        (["--output", "{0}/r.csv", "--html", "{0}/b.csv"], "ends in .html"),
         (["--output", "{0}/r.csv", "--reports", "{0}/a.csv"], "name a folder"),
         (["--output", "{0}/r.csv", "--workers", "0"], "one or more"),
         (["--output", "{0}/r.csv", "--workers", "2", "--cluster", "tcp://x:1"], "the cluster's workers"),

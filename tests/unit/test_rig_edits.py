@@ -1,11 +1,14 @@
 """A mistake put right in the text of a rig file does what the corrected model does."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from rotorjax import compare, effects, read_measurement, read_rig
 from rotorjax.data.declarations import mistakes
 from rotorjax.data.example import write_example
+from rotorjax.data.table import parse_table
 
 NOT_IN_THE_RIG_FILE = ("amplitude_unit", "amplitude_unit.mil")
 CHANGES = (
@@ -60,3 +63,56 @@ def test_the_rest_stays_as_the_user_wrote_it(tmp_path):
     old, new = (set((tmp_path / name).read_text(encoding="utf-8").splitlines()) for name in ("rig.toml", "right.toml"))
     assert len(old - new) == len(new - old) == 1
     assert next(iter(new - old)).startswith('phase = "lag"')
+
+
+REST = "[rotor]\nmass_kg = 1.0\nstiffness_n_per_m = 5e4\ndamping_ratio = 0.02\n"
+INLINE = "unbalance = { magnitude_g_mm = 30.0, angle_deg = 120.0 }\n"
+LAYOUTS = (
+    f"[runs.b]\n[runs.a]\n{INLINE}",
+    "[runs.b]\n[runs.a.unbalance]\nmagnitude_g_mm = 30.0\nangle_deg = 120.0\n",
+    "[runs.a]\n[runs.b]\n[limits]\n[runs.a.unbalance]\nmagnitude_g_mm = 30.0\nangle_deg = 120.0\n",
+    "[runs.b]\n[[runs.a.unbalance]]\nmagnitude_g_mm = 30.0\nangle_deg = 120.0\n",
+    "[runs]\nb = {}\na.unbalance.magnitude_g_mm = 30.0\na.unbalance.angle_deg = 120.0\n",
+)
+
+
+@pytest.mark.parametrize("runs", LAYOUTS)
+@pytest.mark.parametrize("kind", ["runs_exchanged", "trial_weight_absent", "trial_weight_opposite"])
+def test_runs_are_put_right_however_they_are_laid_out(tmp_path, runs, kind):
+    path = tmp_path / "rig.toml"
+    path.write_text(f"{REST}{PROBES}[effects.residual_bow]\nbow_x_m = 1e-5\n{runs}", encoding="utf-8")
+    rig = read_rig(path)
+    mistake = next(one for one in mistakes(rig.model, _measured(rig)) if one.kind == kind)
+    assert rig.write(tmp_path / "right.toml", rig.model, mistake)
+    again = read_rig(tmp_path / "right.toml")
+    in_a, in_b = {"runs_exchanged": (0.0, 120.0), "trial_weight_absent": (0.0, 0.0)}.get(kind, (-60.0, 0.0))
+    for name, angle in (("a", in_a), ("b", in_b)):
+        x, y = np.sum(again.runs[name].unbalance, axis=0)
+        assert np.hypot(x, y) == pytest.approx(3e-5 if angle else 0.0)
+        assert np.degrees(np.arctan2(y, x)) == pytest.approx(angle)
+    assert again.model.find("residual_bow") is not None
+
+
+PROBES = "[probes]\nX = { angle_deg = 0.0 }\nY = { angle_deg = 90.0 }\nZ = { angle_deg = 45.0 }\n"
+
+
+def _measured(rig):
+    table = parse_table(
+        "run,speed_rpm,probe,order,amplitude_um,phase_deg\n"
+        + "".join(f"{run},1000,{probe},1,10.0,30.0\n" for run in "ab" for probe in "XY"),
+        Path("table.csv"),
+    )
+    return rig.measurement(table, Path("table.csv"))
+
+
+def test_two_of_three_probes_are_exchanged_by_name(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(f"{REST}{PROBES}[convention]\nslow_roll_rpm = 600\n{LAYOUTS[0]}", encoding="utf-8")
+    rig = read_rig(path)
+    every = {one.name: one for one in mistakes(rig.model, _measured(rig))}
+    rig.write(tmp_path / "right.toml", rig.model, every["probes_exchanged.X.Y"])
+    angles = read_rig(tmp_path / "right.toml").model.probes.angle
+    np.testing.assert_allclose(np.degrees(angles), [90.0, 0.0, 45.0])
+    subtracted, _ = every["slow_roll_subtracted"].put_right(rig.model, _measured(rig))
+    rig.write(tmp_path / "right.toml", rig.model, every["slow_roll_subtracted"])
+    assert read_rig(tmp_path / "right.toml").model.slow_roll == subtracted.slow_roll

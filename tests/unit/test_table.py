@@ -239,6 +239,10 @@ def test_a_folder_is_called_that(tmp_path):
             f"{HEADER}\n{BODY}".replace(",", ";").replace(".", ",").replace("1500", "1.500,0"),
             "leave out the separator of thousands; or save the table with commas between cells and decimal points",
         ),
+        (
+            f"{HEADER}\n{BODY}".replace(",", ";").replace(".", ",").replace("1500", "1.500"),
+            "leave out the separator of thousands; or save the table with commas between cells and decimal points",
+        ),
         ("[rotor]\nmass_kg = 1.0\n", "no header, but what looks like a rig file, which goes with --rig"),
     ],
 )
