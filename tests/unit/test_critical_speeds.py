@@ -139,4 +139,4 @@ def test_orbit_of():
     line = orbit_of(np.exp(0.7j) * np.array([math.cos(angle), math.sin(angle)]), 1)
     assert line == (pytest.approx(30.0), pytest.approx(0.0, abs=1e-12))
     said = [whirl_in_words(30.0, ratio) for ratio in (0.9, -0.3, 0.0)]
-    assert said == ["forward", "backward, major axis 30°", "line, 30°"]
+    assert said == ["forward", "backward, major axis 30°", "straight line, 30°"]

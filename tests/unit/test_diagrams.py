@@ -142,7 +142,7 @@ def test_modes_that_cross_keep_their_damping():
     assert found.frequency_hz[0, rising] < found.frequency_hz[0, 1 - rising]
     assert found.frequency_hz[-1, rising] > found.frequency_hz[-1, 1 - rising]
     assert np.all(found.damping_ratio[:, rising] < 0.02)
-    assert found.whirl[rising] == "line, 0°"
+    assert found.whirl[rising] == "straight line, 0°"
     same = natural_frequencies(Model(Jeffcott(1.0, 5e4, 0.02)), np.linspace(100.0, 3000.0, 5))
     assert same.whirl == ("forward and backward",) * 2
 
