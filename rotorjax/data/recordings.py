@@ -178,6 +178,23 @@ def _lines(path: Path) -> Iterator[str]:
         raise InputError(f"{path}: {_OTHER}") from error
 
 
+def _refuse_other_widths(path: Path, rows: list[tuple[int, str]], layout: _Layout) -> None:
+    """Every row must have the cells of the first line; empty ones may follow, and nameless ones lack.
+
+    **Errors.** `InputError`.
+    """
+    mark, width, empty = layout.delimiter, len(layout.names), f"{layout.delimiter} \t\r\n"
+    named = max((k for k, name in enumerate(layout.names, start=1) if name), default=1)
+    for number, line in rows:
+        more = line.rstrip(empty).count(mark) >= width
+        if more or line.count(mark) < named - 1:
+            commas = "; decimal commas take semicolons between cells" if more and mark == "," else ""
+            raise InputError(
+                f"{path}:{number}: {line.count(mark) + 1} cells, the first line has {width}; cut the record before "
+                f"this line, or mend it{commas}"
+            )
+
+
 def _read_csv(path: Path, layout: _Layout, channels: Sequence[int]) -> Pieces:
     numbered = islice(enumerate(_lines(path), start=1), layout.first, None)
     while piece := list(islice(numbered, PIECE)):
@@ -186,21 +203,18 @@ def _read_csv(path: Path, layout: _Layout, channels: Sequence[int]) -> Pieces:
 
 
 def _rows(path: Path, layout: _Layout, rows: list[tuple[int, str]], channels: Sequence[int]) -> np.ndarray:
+    _refuse_other_widths(path, rows, layout)
     lines = [line.replace(",", ".") for _, line in rows] if layout.delimiter == ";" else [line for _, line in rows]
     try:
         return np.loadtxt(lines, delimiter=layout.delimiter, usecols=list(channels), ndmin=2, comments=None)
     except ValueError as error:
         for (number, _), line in zip(rows, lines, strict=True):
             cells = line.split(layout.delimiter)
-            if len(cells) != len(layout.names):
-                raise InputError(
-                    f"{path}:{number}: {len(cells)} cells, the first line has {len(layout.names)}; cut the record "
-                    "before this line, or mend it"
-                ) from error
             for k in channels:
-                if not _is_number(cells[k], layout.delimiter):
+                cell = cells[k] if k < len(cells) else ""
+                if not _is_number(cell, layout.delimiter):
                     raise InputError(
-                        f"{path}:{number}: channel {layout.names[k]!r}: {cells[k].strip()!r} is not a number; cut the "
+                        f"{path}:{number}: channel {layout.names[k]!r}: {cell.strip()!r} is not a number; cut the "
                         "record there"
                     ) from error
         raise InputError(f"{path}: {error}; export the recording anew") from error

@@ -312,6 +312,24 @@ def test_files_that_cannot_be_used(tmp_path, record, rng):
         assert name in refused(rig_file(tmp_path, f"{name}=baseline"))
 
 
+def test_rows_of_another_width_are_refused_and_empty_cells_at_their_end_are_none(tmp_path, record):
+    """Decimal commas between commas, or one cell too many, would shift the columns."""
+    lines = as_csv(record, tmp_path / "a.csv").read_text().splitlines()
+    rig = rig_file(tmp_path, "a.csv=baseline")
+    commas = "a.csv:51: 8 cells, the first line has 4; cut the record before this line, or mend it; decimal commas take"
+    for row, words in (
+        (lines[50].replace(",", ",0,"), "a.csv:51: 7 cells, the first line has 4"),
+        (lines[50].replace(".", ","), commas),
+        (lines[50].rpartition(",")[0], "a.csv:51: 3 cells, the first line has 4"),
+    ):
+        (tmp_path / "a.csv").write_text("\n".join([*lines[:50], row, *lines[51:]]))
+        assert words in refused(rig)
+    for header, end in ((",", ""), ("", ", ,"), (",note", ",")):
+        (tmp_path / "a.csv").write_text("\n".join([lines[0] + header, *(line + end for line in lines[1:])]))
+        point = read_recordings(read_rig(rig)).records[0].points[0]
+        np.testing.assert_allclose(point.vectors[:, 0], list(Z.values()), rtol=2e-4)
+
+
 # The command line
 
 
