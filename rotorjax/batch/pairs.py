@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import io
-import tomllib
 from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import NamedTuple
 
 from rotorjax.data.files import read_text
 from rotorjax.data.names import harmless
+from rotorjax.data.section import parsed
 from rotorjax.errors import InputError
 
 RIG = "rig.toml"
@@ -49,11 +49,12 @@ def _content_digest(path: Path) -> bytes:
 def recordings_of(rig: Path) -> tuple[Path, ...]:
     """Recordings that a rig file names; none where it cannot be read."""
     try:
-        document = tomllib.loads(rig.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        document = parsed(rig, rig.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
         return ()
     named = document.get("recordings")
-    return tuple(rig.parent / file for file in named) if isinstance(named, dict) else ()
+    # Names with control characters are refused where the rig file is read for good; none can be opened.
+    return tuple(rig.parent / harmless(file) for file in named) if isinstance(named, dict) else ()
 
 
 def pairs(source: Path, written: Collection[Path] = ()) -> list[Pair]:

@@ -4,13 +4,13 @@ Names that come with files are shown and compared, never used as paths: files ar
 """
 
 import secrets
-import tomllib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rotorjax.data.names import harmless
+from rotorjax.data.section import parsed
 from rotorjax.errors import InputError
 
 MEGABYTE = 1_000_000
@@ -135,8 +135,8 @@ def _recordings_named(path: Path) -> list[str]:
     line.
     """
     try:
-        content: dict[str, Any] = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except (ValueError, RecursionError):
+        content = parsed(path, path.read_bytes().decode("utf-8-sig"))
+    except ValueError:
         return []
     recordings, waveform = content.get("recordings"), content.get("waveform")
     slow_roll = waveform.get("slow_roll") if isinstance(waveform, dict) else None

@@ -289,6 +289,15 @@ def test_a_list_may_name_a_rig_file_with_recordings_alone(tmp_path: Path):
     assert [(p.name, p.data, p.rig) for p in pairs(tmp_path / "list.csv")] == [("a.toml", None, tmp_path / "a.toml")]
 
 
+@pytest.mark.parametrize("text", ["a = 1" + "0" * 5000, "a = " + "[" * 3000, "a" + ".a" * 3000 + " = 1"])
+def test_a_rig_file_that_cannot_be_read_names_no_recordings(tmp_path: Path, text: str):
+    (tmp_path / "a.toml").write_text(text)
+    (tmp_path / "b.toml").write_text('[recordings."a\\u0000b"]\n')
+    found = pairs(tmp_path)
+    assert [pair.name for pair in found] == ["b.toml"]
+    assert found[0].digest
+
+
 def test_recordings_are_explained_as_one_case_of_many(tmp_path: Path):
     write_example(tmp_path, recordings=True)
     row = explain_case(Task(None, tmp_path / "rig.toml", only=("residual_unbalance",), max_effects=1))
