@@ -235,6 +235,7 @@ def test_what_is_said_of_recordings_is_checked(tmp_path, change, words):
         (RIG + '[runs.""]\n', "rig.toml:11: runs.: a run needs a name, like baseline"),
         (RIG + '[runs." pad "]\n', "rig.toml:11: runs. pad : a table has no spaces around a run's name; write 'pad'"),
         (RIG.replace("X = {", '"X " = {'), "a table has no spaces around a probe's name; write 'X'"),
+        (RIG + '[waveform]\nslow_roll = "a\\u0000b"\n', "rig.toml:12: waveform.slow_roll: file name holds the control"),
         (RIG.replace("X = { angle_deg = 0.0 }", "X = 0"), "rig.toml:6: probes.X: must be a table, not 0"),
         (RIG.replace("X = {", '"" = {'), "a probe needs a name"),
         (RIG.replace("magnitude_g_mm", "plane = [1], magnitude_g_mm"), "unknown plane [1]; known here: disk"),
