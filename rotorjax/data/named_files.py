@@ -1,8 +1,9 @@
 """Which recordings a rig file names, read without a word about anything else in it."""
 
-import tomllib
 from pathlib import Path
-from typing import Any
+
+from rotorjax.data.names import harmless
+from rotorjax.data.section import parsed
 
 
 def recordings_named(rig: Path) -> tuple[str, ...]:
@@ -10,12 +11,13 @@ def recordings_named(rig: Path) -> tuple[str, ...]:
     its line where the rig file itself is read.
     """
     try:
-        content: dict[str, Any] = tomllib.loads(rig.read_bytes().decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
+        content = parsed(rig, rig.read_bytes().decode("utf-8-sig"))
+    except (OSError, ValueError):
         return ()
     recordings, waveform = content.get("recordings"), content.get("waveform")
     if not isinstance(recordings, dict) or not recordings:
         return ()
     slow_roll = waveform.get("slow_roll") if isinstance(waveform, dict) else None
     named = dict.fromkeys((*recordings, slow_roll))
-    return tuple(name for name in named if isinstance(name, str) and name and "\0" not in name)
+    # Names with control characters are refused where the rig file is read for good; none can be opened.
+    return tuple(harmless(name) for name in named if isinstance(name, str) and name)

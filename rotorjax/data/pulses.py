@@ -241,7 +241,9 @@ def _levels(channel: Float[np.ndarray, "sample"], threshold: float | None) -> tu
             "give a threshold inside the pulses' height, or none"
         )
     middle = 0.5 * float(np.sum(np.quantile(channel, [TAIL, 1.0 - TAIL]))) if threshold is None else threshold
-    below, above = channel[channel <= middle], channel[channel > middle]
+    # With pulses shorter than ``TAIL`` the middle is the level between them: low if they rise, high if they fall.
+    high = channel > middle if channel.mean() >= middle else channel >= middle
+    below, above = channel[~high], channel[high]
     centres = np.median(below), np.median(above)
     scatter = max(np.median(np.abs(below - centres[0])), np.median(np.abs(above - centres[1])))
     if threshold is None and centres[1] - centres[0] < TWO_LEVELS * scatter:

@@ -1,7 +1,7 @@
 """Recordings in HDF5 (MATLAB 7.3 too), TDMS and universal files (UFF 58), by packages of the extra ``formats``."""
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,23 +27,12 @@ def _package(path: Path, kind: str, name: str, called: str) -> Any:
         ) from error
 
 
-def _guarded(path: Path, kind: str, work: Callable[[], Any]) -> Any:
-    """What a package reads; whatever it raises on a broken file as a refusal."""
-    try:
-        return work()
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"{path}: not {kind} that can be read ({error}); export it anew") from error
-
-
 def open_hdf5(path: Path) -> Recording:
     """Numeric datasets, named by their path in the file; ``name[k]`` is a column of one that has several.
 
     MATLAB stores matrices turned; they are turned back. Links out of the file are not followed.
     """
     h5py = _package(path, "an HDF5 file (MATLAB 7.3 is one)", "h5py", "h5py")
-    kind = "an HDF5 file"
     arrays: list[tuple[Array, bool]] = []
 
     def note(name: str, item: Any) -> None:
@@ -53,11 +42,8 @@ def open_hdf5(path: Path) -> Recording:
             turned = "MATLAB_class" in item.attrs
             arrays.append((Array(name, item.shape[::-1] if turned else item.shape), turned))
 
-    def visit() -> None:
-        with h5py.File(path, "r") as file:
-            file.visititems(note)
-
-    _guarded(path, kind, visit)
+    with h5py.File(path, "r") as file:
+        file.visititems(note)
     where = [(array, turned, k) for array, turned in arrays for k, _ in enumerate(array.channels())]
 
     def read(channels: Sequence[int]) -> Pieces:
@@ -87,17 +73,13 @@ def _part(data: Any, span: slice, turned: bool, column: int) -> np.ndarray:
 def open_tdms(path: Path) -> Recording:
     """Numeric channels, named ``group/channel``, or by the channel alone where that is unique; scaled as stored."""
     nptdms = _package(path, "a TDMS file", "nptdms", "npTDMS")
-
-    def look() -> list[tuple[str, str, int, float | None]]:
-        with nptdms.TdmsFile.open(path) as file:
-            return [
-                (group.name, channel.name, len(channel), _rate(channel.properties.get("wf_increment")))
-                for group in file.groups()
-                for channel in group.channels()
-                if np.dtype(channel.dtype).kind in "biuf" and len(channel) > 1
-            ]
-
-    held = _guarded(path, "a TDMS file", look)
+    with nptdms.TdmsFile.open(path) as file:
+        held = [
+            (group.name, channel.name, len(channel), _rate(channel.properties.get("wf_increment")))
+            for group in file.groups()
+            for channel in group.channels()
+            if np.dtype(channel.dtype).kind in "biuf" and len(channel) > 1
+        ]
     alone = [channel for _, channel, _, _ in held]
 
     def read(channels: Sequence[int]) -> Pieces:
@@ -121,15 +103,9 @@ def open_uff(path: Path) -> Recording:
     their number otherwise.
     """
     pyuff = _package(path, "a universal file (UFF 58)", "pyuff", "pyuff")
-    kind = "a universal file"
-
-    def look() -> list[tuple[int, dict[str, Any]]]:
-        file = pyuff.UFF(str(path))
-        numbers = [k for k, held in enumerate(file.get_set_types()) if int(held) == 58]
-        sets = [(k, file.read_sets(k)) for k in numbers]
-        return [(k, s) for k, s in sets if s["func_type"] in UFF_OF_TIME and np.isrealobj(s["data"])]
-
-    held = _guarded(path, kind, look)
+    file = pyuff.UFF(str(path))
+    sets = [(k, file.read_sets(k)) for k, kind in enumerate(file.get_set_types()) if int(kind) == 58]
+    held = [(k, s) for k, s in sets if s["func_type"] in UFF_OF_TIME and np.isrealobj(s["data"])]
     texts = [str(s.get("id1", "")).strip() for _, s in held]
     plain = len(set(texts)) == len(texts) and all(texts)
     names = tuple(texts) if plain else tuple(str(k) for k in range(len(held)))

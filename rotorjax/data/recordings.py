@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +27,18 @@ _OTHER = (
 )
 
 Pieces = Iterator[Float[np.ndarray, "sample _"]]
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Whatever comes up in a damaged file, in this code or in a package that reads a format, as a refusal."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}: cannot be read ({what}); export it anew") from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +77,7 @@ class Recording:
     def together(self, channels: Sequence[int]) -> Pieces:
         """Pieces of channels that have one length.
 
-        **Errors.** `InputError` where they do not.
+        **Errors.** `InputError` where they do not, and where the file turns out to be damaged.
         """
         if self.lengths and len({self.lengths[k] for k in channels}) > 1:
             told = ", ".join(f"{self.names[k]} {self.lengths[k]}" for k in channels)
@@ -72,7 +85,8 @@ class Recording:
                 f"{self.path}: channels of differing lengths ({told} samples); sample them at one rate, or cut them to "
                 "the time that they share"
             )
-        return self.read(channels)
+        with _readable(self.path):
+            yield from self.read(channels)
 
 
 class Array(NamedTuple):
@@ -108,7 +122,8 @@ def open_recording(path: Path) -> Recording:
         (begin.startswith(b"TDSm"), formats.open_tdms),
         (begin.split(b"\n", 1)[0].strip() == b"-1" or path.suffix.lower() in (".uff", ".unv"), formats.open_uff),
     )
-    found = next((opened for matches, opened in kinds if matches), _open_csv)(path)
+    with _readable(path):
+        found = next((opened for matches, opened in kinds if matches), _open_csv)(path)
     if not found.names:
         raise InputError(f"{path}: holds no channel of numbers; export the recording anew")
     return found
@@ -178,6 +193,23 @@ def _lines(path: Path) -> Iterator[str]:
         raise InputError(f"{path}: {_OTHER}") from error
 
 
+def _refuse_other_widths(path: Path, rows: list[tuple[int, str]], layout: _Layout) -> None:
+    """Every row must have the cells of the first line; empty ones may follow, and nameless ones lack.
+
+    **Errors.** `InputError`.
+    """
+    mark, width, empty = layout.delimiter, len(layout.names), f"{layout.delimiter} \t\r\n"
+    named = max((k for k, name in enumerate(layout.names, start=1) if name), default=1)
+    for number, line in rows:
+        more = line.rstrip(empty).count(mark) >= width
+        if more or line.count(mark) < named - 1:
+            commas = "; decimal commas take semicolons between cells" if more and mark == "," else ""
+            raise InputError(
+                f"{path}:{number}: {line.count(mark) + 1} cells, the first line has {width}; cut the record before "
+                f"this line, or mend it{commas}"
+            )
+
+
 def _read_csv(path: Path, layout: _Layout, channels: Sequence[int]) -> Pieces:
     numbered = islice(enumerate(_lines(path), start=1), layout.first, None)
     while piece := list(islice(numbered, PIECE)):
@@ -186,35 +218,29 @@ def _read_csv(path: Path, layout: _Layout, channels: Sequence[int]) -> Pieces:
 
 
 def _rows(path: Path, layout: _Layout, rows: list[tuple[int, str]], channels: Sequence[int]) -> np.ndarray:
+    _refuse_other_widths(path, rows, layout)
     lines = [line.replace(",", ".") for _, line in rows] if layout.delimiter == ";" else [line for _, line in rows]
     try:
         return np.loadtxt(lines, delimiter=layout.delimiter, usecols=list(channels), ndmin=2, comments=None)
     except ValueError as error:
         for (number, _), line in zip(rows, lines, strict=True):
             cells = line.split(layout.delimiter)
-            if len(cells) != len(layout.names):
-                raise InputError(
-                    f"{path}:{number}: {len(cells)} cells, the first line has {len(layout.names)}; cut the record "
-                    "before this line, or mend it"
-                ) from error
             for k in channels:
-                if not _is_number(cells[k], layout.delimiter):
+                cell = cells[k] if k < len(cells) else ""
+                if not _is_number(cell, layout.delimiter):
                     raise InputError(
-                        f"{path}:{number}: channel {layout.names[k]!r}: {cells[k].strip()!r} is not a number; cut the "
+                        f"{path}:{number}: channel {layout.names[k]!r}: {cell.strip()!r} is not a number; cut the "
                         "record there"
                     ) from error
-        raise InputError(f"{path}: {error}; export the recording anew") from error
+        raise
 
 
 # NumPy
 
 
 def _open_npz(path: Path) -> Recording:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            held = [_header(archive, name) for name in archive.namelist() if name.endswith(".npy")]
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: not a NumPy archive (.npz) that can be read ({error}); save it anew") from error
+    with zipfile.ZipFile(path) as archive:
+        held = [_header(archive, name) for name in archive.namelist() if name.endswith(".npy")]
     arrays = [(array, k) for array, k in held if array is not None]
     names = [(name, array, k) for array, _ in arrays for k, name in enumerate(array.channels())]
     lengths = tuple(_length(array.shape) for _, array, _ in names)
@@ -294,7 +320,7 @@ def _wav(path: Path) -> tuple[int, np.ndarray]:
             return wavfile.read(path, mmap=True)
         except ValueError as error:
             if "mmap" not in str(error):
-                raise InputError(f"{path}: not a WAV file that can be read ({error}); export it anew") from error
+                raise
         # Samples of 24 bits fit no type that a file can be mapped to.
         return wavfile.read(path)
 
@@ -315,11 +341,7 @@ _MATLAB_NUMBERS = {"double", "single", "logical", *(f"{u}int{bits}" for u in (""
 def _open_mat(path: Path) -> Recording:
     from scipy.io import whosmat  # noqa: PLC0415
 
-    try:
-        held = whosmat(path)
-    except Exception as error:  # SciPy raises what it comes upon in a broken file
-        raise InputError(f"{path}: not a MATLAB file that can be read ({error}); save it anew") from error
-    arrays = [Array(n, s) for n, s, kind in held if kind in _MATLAB_NUMBERS and len(s) == 2 and max(s) > 1]
+    arrays = [Array(n, s) for n, s, kind in whosmat(path) if kind in _MATLAB_NUMBERS and len(s) == 2 and max(s) > 1]
     where = [(array, k) for array in arrays for k, _ in enumerate(array.channels())]
     return Recording(
         path, tuple(name for array in arrays for name in array.channels()),
@@ -332,10 +354,7 @@ def _read_mat(path: Path, wanted: list[tuple[Array, int]]) -> Pieces:
     """Pieces of variables that are read whole: the format has them compressed as one."""
     from scipy.io import loadmat  # noqa: PLC0415
 
-    try:
-        data = loadmat(path, variable_names=[array.name for array, _ in wanted])
-    except Exception as error:
-        raise InputError(f"{path}: not a MATLAB file that can be read ({error}); save it anew") from error
+    data = loadmat(path, variable_names=[array.name for array, _ in wanted])
     columns = [
         data[array.name].ravel() if 1 in array.shape else data[array.name][:, column] for array, column in wanted
     ]

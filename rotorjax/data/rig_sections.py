@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rotorjax.data.measurement import PEAK, SLOW_ROLL_RPM, Amplitude, Installed, Limits, Row, Uncertain
+from rotorjax.data.names import unseen
 from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
 from rotorjax.model.conditions import Layout
@@ -113,13 +114,21 @@ def _gravity(section: Section) -> tuple[float, float]:
     return GRAVITY * math.cos(DEGREE * angle), GRAVITY * math.sin(DEGREE * angle)
 
 
+def _check_name(document: Document, path: tuple[str, str], kind: str, like: str) -> None:
+    """Report a name that stands in no table: cells are read without the spaces around them."""
+    name = path[-1]
+    if not name.strip():
+        document.report(path, f"a {kind} needs a name, like {like}")
+    elif name != name.strip() and not unseen(name):
+        document.report(path, f"a table has no spaces around a {kind}'s name; write {name.strip()!r}")
+
+
 def probes_of(document: Document) -> dict[str, tuple[float, float, float]]:
     """Probe name -> angle [rad], participation, one if it reads against the foundation."""
     section = document.section("probes")
     probes = {}
     for name, table in section.tables():
-        if not name.strip():
-            document.report(("probes", name), "a probe needs a name, like X")
+        _check_name(document, ("probes", name), "probe", "X")
         if set(name) & set(".,:="):
             document.report(("probes", name), "a probe's name must not hold any of . , : = (they separate parameters)")
         angle = DEGREE * table.number("angle_deg")
@@ -167,6 +176,7 @@ def runs_of(document: Document, planes: dict[str, float], convention: Convention
     """What was installed in every run: unbalance by plane, and bow."""
     runs = {}
     for name, table in document.section("runs").tables():
+        _check_name(document, ("runs", name), "run", "baseline")
         unbalance = np.zeros((len(planes), 2))
         entries = table.raw("unbalance", [])
         for entry in entries if isinstance(entries, list) else [entries]:

@@ -20,6 +20,16 @@ _KEY = re.compile(rf"^\s*({_NAME}(?:\s*\.\s*{_NAME})*)\s*=")
 _HEADER = re.compile(rf"^\s*\[{{1,2}}\s*({_NAME}(?:\s*\.\s*{_NAME})*)\s*\]{{1,2}}\s*(?:\#.*)?$")
 _LONGEST = 60
 """Characters of a value that a message repeats."""
+_DEEPEST = 50
+"""Tables and lists within one another: a rig file has five."""
+_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_NAME}[ \t]*\.[ \t]*){{{_DEEPEST}}}")
+_DEEP_BRACKETS = re.compile(rf"(?:[\[{{]\s*){{{_DEEPEST}}}")
+_LARGEST_WHOLE = 2**63 - 1
+"""TOML has whole numbers of 64 bits."""
+_TOKEN = re.compile(
+    r'''(?P<long>"""(?:[^\\]|\\.)*?"{3,5}|\'{3}.*?\'{3,5})|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\#[^\n]*''', re.DOTALL
+)
+"""Strings and comments of a valid document; ``long``: those that may have several lines."""
 _KINDS = {"runs": "run name", "probes": "probe name", "planes": "plane name", "recordings": "file name"}
 
 
@@ -48,27 +58,34 @@ class Document:
         self.problems: list[str] = []
         if not self.text.strip():
             raise InputError(f"{path}: the file is empty; `rotorjax example DIR` writes a rig file to start from")
-        self.data = _parsed(path, self.text)
+        self.data = parsed(path, self.text)
         self._lines: dict[str, int] = {}
         header = ""
-        for number, line in enumerate(self.text.split("\n"), start=1):
+        for number, line in enumerate(_without_long_strings(self.text).split("\n"), start=1):
             if match := _HEADER.match(line.rstrip("\r")):
                 header = _joined(match[1])
                 self._lines.setdefault(header, number)
             elif match := _KEY.match(line):
                 key = _joined(match[1])
                 self._lines.setdefault(f"{header}.{key}" if header else key, number)
-        self._refuse_unseen((), self.data)
+        self._look_through((), self.data, 0)
 
-    def _refuse_unseen(self, path: tuple[str, ...], value: Any) -> None:
-        """Report keys with characters that are not seen, such as an escape: they are names that will be printed."""
+    def _look_through(self, path: tuple[str, ...], value: Any, depth: int) -> None:
+        """Report keys with characters that are not seen, such as an escape: they are names that will be printed.
+
+        **Errors.** `InputError` for what no later check could handle: far too deep nesting, endless numbers.
+        """
+        if depth > _DEEPEST:
+            raise InputError(f"{self.place(path)}: nested too deeply; mend the brackets, or the dots of the key")
+        if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
+            raise InputError(f"{self.place(path)}: {shown(value)} is beyond any rotor; check its digits")
         for key, inner in value.items() if isinstance(value, dict) else ():
             if control := unseen(key):
                 kind = _KINDS.get(path[0], "key") if path else "section"
                 self.report((*path, key), f"{kind} holds the control character {control}; delete it")
-            self._refuse_unseen((*path, key), inner)
+            self._look_through((*path, key), inner, depth + 1)
         for inner in value if isinstance(value, list) else ():
-            self._refuse_unseen(path, inner)
+            self._look_through(path, inner, depth + 1)
 
     def section(self, name: str) -> "Section":
         """A table of the top level, empty if absent."""
@@ -80,10 +97,11 @@ class Document:
 
     def place(self, path: tuple[str, ...]) -> str:
         """File, line of the key or of the nearest table above it, and the key."""
+        name = harmless(".".join(path)).replace("\n", r"\n")
         for length in range(len(path), 0, -1):
             if line := self._lines.get(".".join(path[:length])):
-                return f"{self.path}:{line}: {harmless('.'.join(path))}"
-        return f"{self.path}: {harmless('.'.join(path))}"
+                return f"{self.path}:{line}: {name}"
+        return f"{self.path}: {name}"
 
     def raise_problems(self) -> None:
         """Raise if anything was reported."""
@@ -91,26 +109,44 @@ class Document:
             raise InputError(*self.problems)
 
 
-def _parsed(path: Path, text: str) -> dict[str, Any]:
+def parsed(path: Path, text: str) -> dict[str, Any]:
     """A TOML document.
 
     **Errors.** `InputError` with line and column.
     """
+    # The parser takes a time and a memory that grow with the square of a key's parts.
+    if deep := _DEEP_KEY.search(text):
+        raise InputError(f"{_place(path, text, deep)}: a key of more than {_DEEPEST} parts; delete dots")
     try:
         return tomllib.loads(text)
     except RecursionError as error:
-        raise InputError(f"{path}: not valid TOML: nested too deeply; mend the brackets") from error
+        place = _place(path, text, _DEEP_BRACKETS.search(text))
+        raise InputError(f"{place}: not valid TOML: nested too deeply; mend the brackets") from error
     except ValueError as error:
         where = re.search(r"at line (\d+)", str(error))
         last = len(text.rstrip().split("\n")) if "end of document" in str(error) else None
         line = where[1] if where else last
         place = f"{path}:{line}" if line else str(path)
         if "Exceeds the limit" in str(error):
+            place = _place(path, text, re.search(r"[0-9_]{4000}", text))
             raise InputError(f"{place}: holds a number of thousands of digits; mend it") from error
         twice = " (the same key or section appears twice)" if "overwrite" in str(error) or "twice" in str(error) else ""
         raise InputError(
             f"{place}: not valid TOML: {error}{twice}; mend that line, or give the rig file if this is another"
         ) from error
+
+
+def _place(path: Path, text: str, found: re.Match[str] | None) -> str:
+    """File, and the line in which a match begins."""
+    if found is None:
+        return str(path)
+    before = text[: found.start()].count("\n")
+    return f"{path}:{before + 1}"
+
+
+def _without_long_strings(text: str) -> str:
+    """A valid document whose strings of several lines are empty lines: what is in them is no key."""
+    return _TOKEN.sub(lambda token: "\n" * token[0].count("\n") if token["long"] else token[0], text)
 
 
 def _joined(key: str) -> str:
@@ -121,7 +157,8 @@ def _joined(key: str) -> str:
 
 def shown(value: Any) -> str:
     """A value as Python writes it, cut where it is long."""
-    text = repr(value)
+    # Python writes no decimal number of more than some thousand digits.
+    text = hex(value) if isinstance(value, int) and value.bit_length() > 2**12 else repr(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 

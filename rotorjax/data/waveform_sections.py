@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rotorjax.data.names import unseen
 from rotorjax.data.section import Document, Section, nearest
 from rotorjax.data.table import HIGHEST_ORDER
 from rotorjax.units import MICROMETRE
@@ -79,6 +80,8 @@ def waveform_of(document: Document, probes: Collection[str], runs: Collection[st
     if slow_roll is not None and (not isinstance(slow_roll, str) or not slow_roll):
         section.problem("slow_roll", f"must be the name of a recording, not {slow_roll!r}")
         slow_roll = None
+    elif slow_roll and (control := unseen(slow_roll)):
+        section.problem("slow_roll", f"file name holds the control character {control}; delete it")
     section.close()
     # A rig file that maps no probe has recordings whose channels are called as the probes are.
     return Waveform(

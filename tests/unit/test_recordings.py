@@ -312,6 +312,68 @@ def test_files_that_cannot_be_used(tmp_path, record, rng):
         assert name in refused(rig_file(tmp_path, f"{name}=baseline"))
 
 
+def test_rows_of_another_width_are_refused_and_empty_cells_at_their_end_are_none(tmp_path, record):
+    """Decimal commas between commas, or one cell too many, would shift the columns."""
+    lines = as_csv(record, tmp_path / "a.csv").read_text().splitlines()
+    rig = rig_file(tmp_path, "a.csv=baseline")
+    commas = "a.csv:51: 8 cells, the first line has 4; cut the record before this line, or mend it; decimal commas take"
+    for row, words in (
+        (lines[50].replace(",", ",0,"), "a.csv:51: 7 cells, the first line has 4"),
+        (lines[50].replace(".", ","), commas),
+        (lines[50].rpartition(",")[0], "a.csv:51: 3 cells, the first line has 4"),
+    ):
+        (tmp_path / "a.csv").write_text("\n".join([*lines[:50], row, *lines[51:]]))
+        assert words in refused(rig)
+    for header, end in ((",", ""), ("", ", ,"), (",note", ",")):
+        (tmp_path / "a.csv").write_text("\n".join([lines[0] + header, *(line + end for line in lines[1:])]))
+        point = read_recordings(read_rig(rig)).records[0].points[0]
+        np.testing.assert_allclose(point.vectors[:, 0], list(Z.values()), rtol=2e-4)
+
+
+def write_packed_hdf5(path, record):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name, values in columns(record).items():
+            file.create_dataset(name, data=values, compression="gzip")
+
+
+def flipped(content: bytes) -> bytes:
+    half = len(content) // 2
+    return content[:half] + bytes([content[half] ^ 0xFF]) + content[half + 1 :]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@pytest.mark.parametrize(
+    ("name", "write", "spoil"),
+    [
+        ("a.npz", write_npz, flipped),
+        ("a.wav", write_wav, lambda content: content[:-101]),
+        ("a.wav", write_wav, lambda content: content[:30]),
+        ("a.h5", write_packed_hdf5, flipped),
+        ("a.tdms", write_tdms, lambda content: content[:25] + b"\xff" + content[26:]),
+        ("a.uff", write_uff, flipped),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_message(tmp_path, record, name, write, spoil, capsys):
+    waveform = write(tmp_path / name, record) or NO_TIME
+    (tmp_path / name).write_bytes(spoil((tmp_path / name).read_bytes()))
+    rig = rig_file(tmp_path, f"{name}=baseline", waveform)
+    assert main(["vectors", str(rig), "--output", str(tmp_path / "out.csv")]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1].startswith(f"rotorjax: {tmp_path / name}: cannot be read (")
+    assert said[-1].endswith("; export it anew")
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize("name", ["i.tdms", "j.uff"])
+def test_a_file_that_breaks_off_while_it_is_read_is_refused(tmp_path, record, name):
+    WRITERS[name](tmp_path / name, record)
+    found = open_recording(tmp_path / name)
+    (tmp_path / name).write_bytes(b"TDSm" if name == "i.tdms" else b"    -1\n    58\n")
+    with pytest.raises(InputError, match=f"{name}: cannot be read"):
+        list(found.together([0]))
+
+
 # The command line
 
 

@@ -212,12 +212,30 @@ def test_what_is_said_of_recordings_is_checked(tmp_path, change, words):
     [
         ("", "rig.toml: the file is empty; `rotorjax example DIR` writes a rig file"),
         (RIG.replace("mass_kg = 0.97", "mass_kg = 1" + "0" * 400), "rig.toml:2: rotor.mass_kg: 1000000"),
-        (RIG.replace("mass_kg = 0.97", "mass_kg = 1" + "0" * 5000), "holds a number of thousands of digits"),
+        (
+            RIG.replace("mass_kg = 0.97", "mass_kg = 1" + "0" * 5000),
+            "rig.toml:2: holds a number of thousands of digits",
+        ),
         (RIG.replace("mass_kg = 0.97", "mass_kg = [1, 2]"), "rig.toml:2: rotor.mass_kg: must be a number, not [1, 2]"),
         (RIG.replace("mass_kg = 0.97", "mass_kg = 1.0\nmass_kg = 2.0"), "rig.toml:3: not valid TOML"),
         (RIG + "[rotor]\n", "(the same key or section appears twice)"),
         (RIG + "[limits]\nspeed_rpm = [1,", "rig.toml:12: not valid TOML"),
-        (RIG + "[limits]\nspeed_rpm = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        (RIG + "[limits]\nspeed_rpm = " + "[" * 5000 + "]" * 5000, "rig.toml:12: not valid TOML: nested too"),
+        (RIG + "[limits]\nspeed_rpm = " + "[" * 200 + "]" * 200, "rig.toml:12: limits.speed_rpm: nested too deeply"),
+        (RIG + "[" * 3000, "rig.toml:11: not valid TOML"),
+        (RIG + "a" + ".a" * 3000 + " = 1\n", "rig.toml:11: a key of more than 50 parts"),
+        (RIG + "[a" + ".'a'" * 100_000 + "]\n", "rig.toml:11: a key of more than 50 parts"),
+        (RIG + "[a" + ".a" * 40 + "]\na" + ".a" * 40 + " = 1\n", "a.a: nested too deeply"),
+        (RIG + "[limits]\nspeed_rpm = 0x" + "f" * 5000, "rig.toml:12: limits.speed_rpm: 0xfff"),
+        (
+            RIG.replace("magnitude_g_mm = 30.0", "radius_mm = 30.0, mass_g = 1" + "0" * 400),
+            ".unbalance.mass_g: 1000000",
+        ),
+        (RIG + '[runs."a\\nb"]\n', r"rig.toml:11: runs.a\nb: run name holds the control character U+000A; delete it"),
+        (RIG + '[runs.""]\n', "rig.toml:11: runs.: a run needs a name, like baseline"),
+        (RIG + '[runs." pad "]\n', "rig.toml:11: runs. pad : a table has no spaces around a run's name; write 'pad'"),
+        (RIG.replace("X = {", '"X " = {'), "a table has no spaces around a probe's name; write 'X'"),
+        (RIG + '[waveform]\nslow_roll = "a\\u0000b"\n', "rig.toml:12: waveform.slow_roll: file name holds the control"),
         (RIG.replace("X = { angle_deg = 0.0 }", "X = 0"), "rig.toml:6: probes.X: must be a table, not 0"),
         (RIG.replace("X = {", '"" = {'), "a probe needs a name"),
         (RIG.replace("magnitude_g_mm", "plane = [1], magnitude_g_mm"), "unknown plane [1]; known here: disk"),
@@ -232,6 +250,15 @@ def test_odd_rig_files_are_refused_in_one_message(tmp_path, text, words):
     told = problems(tmp_path, text)
     assert words in told
     assert len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize("quotes", ["'''", '"""'])
+def test_what_a_note_says_is_no_key(tmp_path, quotes):
+    """Lines of a note that look like keys have no line of their own; what follows keeps its own."""
+    note = f"note = {quotes}it's \"so\n\"C:\\\\data\" = 1\n[planes.b]\nholes = 2{quotes} # a ''' in a comment\n"
+    text = RIG + note + "[planes.b]\nholes = 16\n"
+    assert rig_of(tmp_path, text).planes["b"].holes == 16
+    assert "rig.toml:16: planes.b.holes: must be" in problems(tmp_path, text.replace("16", "2"))
 
 
 def test_all_problems_at_once(tmp_path):

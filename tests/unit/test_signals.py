@@ -284,6 +284,16 @@ def test_noise_on_an_edge_counts_once(rng):
     assert np.max(np.abs(found - sweep.pulses)) < 3e-4
 
 
+@pytest.mark.parametrize("spike", [0.0, -40.0, 12.0])
+def test_pulses_of_a_thousandth_of_a_turn_may_rise_or_fall(spike):
+    time = np.arange(3 * 25600) / 25600.0
+    channel = 5.0 * ((10.3 * time + 0.3) % 1.0 < 0.001)
+    channel[1000] = spike
+    found = pulse_times(time, channel)
+    np.testing.assert_allclose(found[-31:], (np.arange(1, 32) - 0.3) / 10.3, atol=1.0 / 25600.0)
+    np.testing.assert_array_equal(pulse_times(time, 5.0 - channel, edge="falling"), found)
+
+
 def test_integers_and_lists_are_taken():
     times = [0.1 * k for k in range(12)]
     np.testing.assert_allclose(pulse_times(times, [0, 0, 4, 4] * 3), [0.15, 0.55, 0.95])

@@ -298,6 +298,7 @@ def test_recordings_are_found_by_the_last_part_of_their_names(tmp_path):
         ({"r.toml": RIG}, "only r.toml was given"),
         ({"r.toml": RIG, "a.csv": b"", "b.csv": b""}, "2 files are beside r.toml"),
         ({"r.toml": b"[[[", "a.csv": b"", "b.csv": b""}, "2 files are beside r.toml"),
+        ({"r.toml": b"a" + b".a" * 3000 + b" = 1", "a.csv": b"", "b.csv": b""}, "2 files are beside r.toml"),
         ({"r.toml": RIG, "a/t.csv": b"", "b/t.csv": b""}, "t.csv: two files have this name"),
         ({"r.toml": RECORDED, "x.csv": b""}, "names y.wav, not given"),
         ({"r.toml": RECORDED, "z.wav": b""}, "z.wav: not named under"),
