@@ -8,7 +8,9 @@ import pytest
 
 from rotorjax import InputError, read_rig
 from rotorjax.data.files import check_writable, write_whole
+from rotorjax.data.measurement import Row
 from rotorjax.data.recordings import open_recording
+from rotorjax.data.table import write_table
 
 
 @pytest.fixture
@@ -65,3 +67,12 @@ def test_a_path_that_is_none_is_refused(tmp_path, name, use):
 def test_a_name_may_be_as_long_as_the_system_allows(tmp_path):
     check_writable(tmp_path / ("n" * 255))
     write_whole(tmp_path / ("n" * 255), "")
+
+
+def test_rows_that_would_be_written_alike_are_refused(tmp_path):
+    rows = [Row("baseline", speed, "X", 1.0, 1.0, 0.0) for speed in (1000.0, 1000.0000001)]
+    with pytest.raises(
+        InputError, match=r"s\.csv: run 'baseline', probe 'X' would have two rows of 1000 rpm and order 1"
+    ):
+        write_table(tmp_path / "s.csv", rows)
+    assert not list(tmp_path.iterdir())
