@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from rotorjax import read_rig
+from rotorjax import InputError, read_rig
 from rotorjax.cli import main
 
 from helpers import HEADER, RIG, ROWS, write
@@ -320,6 +320,26 @@ def test_what_is_no_plain_file_is_written_to_not_replaced(tmp_path):
     reader.join(10.0)
     assert json.loads(read[0])["rms_um"] > 0.0
     assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_the_example_leaves_recordings_that_are_there(tmp_path, capsys, kind):
+    mine = tmp_path / "recordings" / ("baseline-700.csv" if kind == "folder" else "")
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text("mine")
+    assert run("example", tmp_path, "--recordings") == 2
+    assert "recordings: exists already; give an empty folder" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [tmp_path / "recordings"]
+
+
+def test_the_example_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    def refuse(*_: object) -> str:
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr("rotorjax.data.example_recordings._recording", refuse)
+    assert run("example", tmp_path, "--recordings") == 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_bad_table_writes_nothing(tmp_path, capsys):
