@@ -67,10 +67,10 @@ def release_freed_memory() -> None:
 
 
 def _cache_folder() -> str | None:
-    """A folder of the user's for compiled programs; none where it cannot be made."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
+    """A folder of the user's for compiled programs; none where it cannot be made, or the user has no home."""
     try:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rotorjax"
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):
         return None
     return str(folder)

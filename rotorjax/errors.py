@@ -1,5 +1,7 @@
 """The error that a user's input causes."""
 
+from collections.abc import Callable
+
 MOST_PROBLEMS = 20
 """Problems of one input that are shown."""
 
@@ -15,3 +17,19 @@ class InputError(ValueError):
         """The problems as they are shown: the first ones, and how many more there are."""
         more = len(self.problems) - MOST_PROBLEMS
         return [*self.problems[:MOST_PROBLEMS], *([f"and {more} more problems"] if more > 0 else [])]
+
+
+def do_every(*tasks: Callable[[], object] | None) -> None:
+    """Do one after the other, whatever becomes of those before.
+
+    **Arguments:** ``tasks``; none where there is nothing to do. **Errors.** One `InputError` of all that was refused.
+    """
+    problems: list[str] = []
+    for task in tasks:
+        try:
+            if task is not None:
+                task()
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(*problems)

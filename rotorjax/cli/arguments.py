@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorjax.data.files import check_writable, resolved
 from rotorjax.errors import InputError
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def check_outputs(options: argparse.Namespace) -> None:
     anything is computed.
     """
     read = {
-        path.resolve(): f"{path} is read"
+        resolved(path): f"{path} is read"
         for path in (
             *(getattr(options, n, None) for n in ("data", "rig", "like", "source", "recordings")),
             *getattr(options, "files", ()),
@@ -128,13 +129,12 @@ def check_outputs(options: argparse.Namespace) -> None:
         path = getattr(options, name, None)
         if path is None:
             continue
-        flag = "--" + name.replace("_", "-")
-        if path.resolve() in read:
-            problems.append(f"{flag} {path}: {read[path.resolve()]} by the same command; choose another file")
-        elif path.is_dir() or not path.name:
-            problems.append(f"{flag} {path}: is a folder; name a file")
-        elif not path.parent.is_dir():
-            problems.append(f"{flag} {path}: cannot be written, the folder {path.parent} does not exist; make it first")
-        read.setdefault(path.resolve(), f"{path} is written")
+        try:
+            if use := read.get(resolved(path)):
+                raise InputError(f"{path}: {use} by the same command; choose another file")
+            check_writable(path)
+            read[resolved(path)] = f"{path} is written"
+        except InputError as error:
+            problems += [f"--{name.replace('_', '-')} {problem}" for problem in error.problems]
     if problems:
         raise InputError(*problems)

@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_mistake
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.recordings import read_recorded, table_or_recordings
-from rotorjax.cli.terminal import note, say, terminal_width
+from rotorjax.cli.terminal import aside, note, say, terminal_width
 from rotorjax.compilation import use_double_precision
-from rotorjax.errors import InputError
+from rotorjax.data.files import write_whole
+from rotorjax.errors import InputError, do_every
 
 if TYPE_CHECKING:
-    from rotorjax.data.declarations import Mistake
     from rotorjax.data.measurement import Measurement
     from rotorjax.data.record_vectors import Records
     from rotorjax.data.rig import Rig
@@ -45,38 +44,46 @@ def compare(options: argparse.Namespace) -> None:
             f"--effect {already[0]}: the rig file declares it uncertain, so that it is fitted in any case; leave it out"
         )
     story = tell(rig.model, measurement, additions, fixed=fixed, mistake=mistake)
-    say(comparison_text(story, rig.convention, width=terminal_width()))
-    _write_outputs(
+    _hand_over(
         options,
         rig,
+        comparison_text(story, rig.convention, width=terminal_width()),
         story.final_model,
         comparison_json(story),
         story,
         source.name if options.recordings else f"{source.name} against {options.rig.name}",
-        story.mistake,
         records,
     )
 
 
-def _write_outputs(
+def _hand_over(
     options: argparse.Namespace,
     rig: "Rig",
+    text: str,
     model: "Model",
     content: dict[str, Any],
     result: "Story | Explanation",
     title: str,
-    mistake: "Mistake | None",
     records: "Records | None",
 ) -> None:
-    """The files that a comparison or an explanation was asked for."""
-    if options.write_rig and not rig.write(options.write_rig, model, mistake):
-        assert mistake is not None
-        say(f"\n{options.write_rig} still goes with what was written down wrongly; change by hand: {mistake.cure}.")
-    if options.json:
-        _write_json(options.json, content)
-    if options.report:
+    """The text of a comparison or an explanation, and the files that were asked for."""
+
+    def write_rig() -> None:
+        if not rig.write(options.write_rig, model, result.mistake):
+            assert result.mistake is not None
+            cure = f"change by hand: {result.mistake.cure}"
+            say(f"\n{options.write_rig} still goes with what was written down wrongly; {cure}.")
+
+    def report() -> None:
         result.report(options.report, rig, title=title, records=records)
         say(f"\nReport: {options.report}")
+
+    do_every(
+        lambda: say(text),
+        options.write_rig and write_rig,
+        options.json and (lambda: _write_json(options.json, content)),
+        options.report and report,
+    )
 
 
 def explain(options: argparse.Namespace) -> None:
@@ -107,15 +114,14 @@ def explain(options: argparse.Namespace) -> None:
             mistakes=options.mistakes,
             progress=progress,
         )
-    say(explanation_text(found, rig, width=terminal_width()))
-    _write_outputs(
+    _hand_over(
         options,
         rig,
+        explanation_text(found, rig, width=terminal_width()),
         found.model,
         explanation_json(found, rig),
         found,
         f"{source.name}: what {'the model' if options.recordings else options.rig.name} lacks",
-        found.mistake,
         records,
     )
 
@@ -133,9 +139,10 @@ def diagnose(options: argparse.Namespace) -> None:
         diagnosis = diagnose(rig.model, measurement, reference=tuple(options.reference))
     except ValueError as error:
         raise InputError(f"{source}: {error}") from error
-    say(diagnosis_text(diagnosis, rig, measurement, width=terminal_width()))
-    if options.json:
-        _write_json(options.json, diagnosis_json(diagnosis, rig, measurement))
+    do_every(
+        lambda: say(diagnosis_text(diagnosis, rig, measurement, width=terminal_width())),
+        options.json and (lambda: _write_json(options.json, diagnosis_json(diagnosis, rig, measurement))),
+    )
 
 
 def simulate(options: argparse.Namespace) -> None:
@@ -191,7 +198,7 @@ def paper(options: argparse.Namespace) -> None:
     from rotorjax.paper.study import Study
 
     prepare(options.output)
-    say(reproduce(Study(progress=lambda line: print(f"{line} ...", file=sys.stderr)), options.output))
+    say(reproduce(Study(progress=lambda line: aside(f"{line} ...")), options.output))
     say(f"\nWritten to {options.output}: begin with README.md.")
 
 
@@ -225,6 +232,4 @@ def _measured(
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    from rotorjax.data.files import write_whole
-
     write_whole(path, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n")

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rotorjax.cli.arguments import check_outputs, effect_names
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.terminal import say, terminal_width
-from rotorjax.errors import InputError
+from rotorjax.data.files import check_writable, refusals, write_whole
+from rotorjax.errors import InputError, do_every
 
 if TYPE_CHECKING:
     from rotorjax.batch.case import Case, Executor
@@ -34,6 +35,7 @@ def explain_many(options: argparse.Namespace) -> None:
     from rotorjax.batch.results import kept_in, write_results
 
     kept = kept_in(options.output)
+    check_writable(kept)
     if options.output.exists() and not kept.exists():
         raise InputError(f"--output {options.output}: exists already; choose another file, or remove it")
     what_is_kept = f"what is finished is kept in {kept}: the same command goes on"
@@ -52,9 +54,11 @@ def explain_many(options: argparse.Namespace) -> None:
                 explain_case, _cases(options, found), store, executor, lambda progress: show(progress_text(progress))
             )
             rows = store.rows()
-    write_results(options.output, rows, COLUMNS)
-    _overview(options, rows)
-    say(_summary(options, rows, progress))
+    do_every(
+        lambda: write_results(options.output, rows, COLUMNS),
+        lambda: _overview(options, rows),
+        lambda: say(_summary(options, rows, progress)),
+    )
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -64,14 +68,14 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"--workers {options.workers}: must be one or more")
     if options.workers is not None and options.cluster is not None:
         raise InputError("--workers: counts processes on this machine; with --cluster the cluster's workers are used")
-    if not options.source.exists():
-        raise InputError(
-            f"{options.source}: does not exist; give a folder with tables and rig files, or a list of them"
-        )
+    with refusals(options.source, cure="give a folder with tables and rig files, or a list of them"):
+        options.source.stat()
+    if options.reports is not None:
+        with refusals(f"--reports {options.reports}", cure="name a folder"):
+            if options.reports.resolve().exists() and not options.reports.is_dir():
+                raise InputError(f"--reports {options.reports}: is a file; name a folder")
     if options.html is not None and options.html.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--html {options.html}: name a file that ends in .html")
-    if options.reports is not None and options.reports.exists() and not options.reports.is_dir():
-        raise InputError(f"--reports {options.reports}: is a file; name a folder")
     for flag in ("only", "exclude"):
         setattr(
             options,
@@ -161,7 +165,6 @@ def progress_text(progress: "Progress") -> str:
 def _overview(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
     if options.html is not None:
         from rotorjax.batch.overview import overview
-        from rotorjax.data.files import write_whole
 
         write_whole(options.html, overview(rows, title=f"{options.source}: explained", folder=options.html.parent))
 

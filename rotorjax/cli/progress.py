@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
+from rotorjax.cli.terminal import aside
 from rotorjax.data.names import harmless
 
 INTERRUPTED = 130
@@ -37,12 +38,7 @@ def progress_line(kept: str = "", quiet_s: float = QUIET_S) -> Iterator[Callable
         if terminal:
             # What is cut off would stand on a line that the next one does not replace.
             told = f"{told} ..."[: shutil.get_terminal_size().columns - 1]
-        print(
-            f"\r\x1b[K{told}" if terminal else told,
-            end="" if terminal else "\n",
-            file=sys.stderr,
-            flush=True,
-        )
+        aside(f"\r\x1b[K{told}" if terminal else told, end="" if terminal else "\n")
 
     def progress(line: str) -> None:
         # What goes on is told in place; elsewhere it waits until there has been nothing for a while.
@@ -63,7 +59,7 @@ def progress_line(kept: str = "", quiet_s: float = QUIET_S) -> Iterator[Callable
     finally:
         over.set()
         if terminal:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            aside("\r\x1b[K", end="")
 
 
 @contextlib.contextmanager
@@ -81,7 +77,7 @@ def _interruptible(kept: str) -> Iterator[None]:
     def wait() -> None:
         while number := woken.recv(1):
             if number[0] == signal.SIGINT:
-                print(f"\nrotorjax: stopped{'; ' if kept else ''}{harmless(kept)}", file=sys.stderr, flush=True)
+                aside(f"\nrotorjax: stopped{'; ' if kept else ''}{harmless(kept)}")
                 os._exit(INTERRUPTED)
 
     waiting = threading.Thread(target=wait, daemon=True)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from rotorjax.cli.arguments import check_outputs
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.terminal import note, say, terminal_width
-from rotorjax.errors import InputError
+from rotorjax.data.files import resolved, write_whole
+from rotorjax.errors import InputError, do_every
 
 if TYPE_CHECKING:
     from rotorjax.data.measurement import Measurement
@@ -26,7 +27,6 @@ def vectors(options: argparse.Namespace) -> None:
     rate = options.sample_rate
     if rate is not None and not 0.0 < rate < float("inf"):
         raise InputError(f"--sample-rate {rate}: must be a number of samples per second, above zero")
-    from rotorjax.data.files import write_whole
     from rotorjax.data.record_vectors import read_recordings
     from rotorjax.data.rig import read_rig
     from rotorjax.data.simulate import orders_of
@@ -40,12 +40,17 @@ def vectors(options: argparse.Namespace) -> None:
         records = read_recordings(rig, options.files, orders=orders, sample_rate_hz=rate, progress=progress)
     note([*records.all_notes, *rig.notes])
     rows = [rig.convention.to_table(row) for row in records.rows()]
-    write_table(options.output, rows)
-    say(recordings_text(records, width=terminal_width()))
-    say(f"\n{len(rows)} vectors of {len(records.records)} recordings written to {options.output}")
-    if options.report:
+
+    def table() -> None:
+        write_table(options.output, rows)
+        say(f"\n{len(rows)} vectors of {len(records.records)} recordings written to {options.output}")
+
+    def report() -> None:
         write_whole(options.report, recordings_html(rig, records, title=f"Recordings of {options.rig.name}"))
         say(f"Report: {options.report}")
+
+    told = recordings_text(records, width=terminal_width())
+    do_every(lambda: say(told), table, options.report and report)
 
 
 def table_or_recordings(options: argparse.Namespace) -> Path:
@@ -82,8 +87,8 @@ def _keep_recordings(options: argparse.Namespace, rig: "Rig") -> None:
     **Errors.** `InputError`.
     """
     named = [*(recorded.file for recorded in rig.waveform.recordings), rig.waveform.slow_roll or ""]
-    read = {(rig.path.parent / file).resolve() for file in named if file}
+    read = {resolved(rig.path.parent / file) for file in named if file}
     for flag in ("output", "json", "report", "write_rig"):
         path = getattr(options, flag, None)
-        if path is not None and path.resolve() in read:
+        if path is not None and resolved(path) in read:
             raise InputError(f"--{flag.replace('_', '-')} {path}: is one of the recordings; choose another file")

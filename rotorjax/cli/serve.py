@@ -9,6 +9,7 @@ from rotorjax.errors import InputError
 NEEDED = {"starlette": "starlette", "uvicorn": "uvicorn", "python_multipart": "python-multipart"}
 """Modules that the page takes -> packages, all in the extra ``web``."""
 HIGHEST_PORT = 65535
+LARGEST_MB = 1e9
 
 
 def serve(options: argparse.Namespace) -> None:
@@ -16,8 +17,10 @@ def serve(options: argparse.Namespace) -> None:
     if not 0 <= options.port <= HIGHEST_PORT:
         raise InputError(f"--port {options.port}: must be 1 to {HIGHEST_PORT}, or 0 for any that is free")
     for flag in ("max_table_mb", "max_recordings_mb"):
-        if not 0.0 < getattr(options, flag) < float("inf"):
-            raise InputError(f"--{flag.replace('_', '-')} {getattr(options, flag)}: must be a number above zero")
+        given = getattr(options, flag)
+        if not 0.0 < given <= LARGEST_MB:
+            told = f"--{flag.replace('_', '-')} {given}"
+            raise InputError(f"{told}: must be a number above zero, at most {LARGEST_MB:g}")
     if missing := [package for module, package in NEEDED.items() if importlib.util.find_spec(module) is None]:
         packages = f"the package{'s' if len(missing) > 1 else ''} {', '.join(missing)}"
         raise InputError(f"serve takes {packages}, not installed: pip install 'rotorjax[web]'")

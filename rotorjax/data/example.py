@@ -1,12 +1,15 @@
 """The example that ``rotorjax example DIR`` writes: a table, a rig file and what to type."""
 
+import os
+import tempfile
 from importlib.resources import files
 from pathlib import Path
 
-from rotorjax.data.files import write_whole
+from rotorjax.data.files import refusals, write_whole
 from rotorjax.errors import InputError
 
 FILES = ("measurement.csv", "rig.toml")
+RECORDINGS = "recordings"
 GUIDE = """Written to {folder}: measurement.csv (vibration vectors), rig.toml (the rotor, its probes and runs).
 The data hide effects that the rig file does not have. Type, one after the other:
 
@@ -33,22 +36,28 @@ Then put your own vectors and your own rotor into the two files.
 
 def write_example(folder: Path, *, recordings: bool = False) -> str:
     """Write the example's files into a folder, which is made if it is missing, with ``recordings`` in time instead of
-    the table. **Returns** what to type.
+    the table: all of them, or none. **Returns** what to type.
 
-    **Errors.** `InputError` if a file of that name is there already, or the folder cannot be made.
+    **Errors.** `InputError` if a file of that name is there already, or the folder cannot be made or written to.
     """
-    taken = [name for name in FILES if (folder / name).exists()]
+    taken = [name for name in (*FILES, *[RECORDINGS] * recordings) if os.path.lexists(folder / name)]
     if taken:
         raise InputError(f"{folder / taken[0]}: exists already; give an empty folder")
-    try:
+    with refusals(folder, "cannot be made", "choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror or error}); choose another folder") from error
     shipped = {name: (files("rotorjax") / "data" / "example" / name).read_text(encoding="utf-8") for name in FILES}
-    if recordings:
-        from rotorjax.data.example_recordings import write_recordings  # noqa: PLC0415 - JAX is not needed otherwise
+    with refusals(folder, "cannot be written to", "choose another folder"):
+        beside = tempfile.TemporaryDirectory(dir=folder, prefix=".")
+    with beside as begun:
+        if recordings:
+            from rotorjax.data.example_recordings import write_recordings  # noqa: PLC0415 - JAX is not needed otherwise
 
-        return write_recordings(folder, shipped["rig.toml"])
-    for name, text in shipped.items():
-        write_whole(folder / name, text)
-    return GUIDE.format(folder=folder)
+            guide = write_recordings(Path(begun), shipped["rig.toml"])
+        else:
+            guide = GUIDE
+            for name, text in shipped.items():
+                write_whole(Path(begun) / name, text)
+        with refusals(folder, "cannot be written to", "choose another folder"):
+            for made in sorted(Path(begun).iterdir()):
+                made.rename(folder / made.name)
+    return guide.format(folder=folder)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorjax.data.files import write_whole
+from rotorjax.data.example import RECORDINGS
+from rotorjax.data.files import refusals, write_whole
 from rotorjax.data.rig import Rig, effect_from_labels, read_rig
 from rotorjax.data.simulate import plan_speeds
 from rotorjax.effects import CATALOG
@@ -13,7 +14,6 @@ from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.units import DEGREE, GRAM_MILLIMETRE, MICROMETRE, RPM
 
-FOLDER = "recordings"
 SPEEDS_RPM = (700, 1300, 1700, 1900, 2050, 2450, 2600, 2800)
 RATE_HZ, SECONDS = 2000.0, 1.0
 NOISE_M = 3.0 * MICROMETRE
@@ -47,18 +47,23 @@ Then put your own recordings and your own rotor in their place.
 
 
 def write_recordings(folder: Path, rig_text: str) -> str:
-    """Write recordings and a rig file that names them, into a folder that exists. **Returns** what to type."""
+    """Write recordings and a rig file that names them, into a folder that exists. **Returns** what to type, with
+    ``{folder}`` for the folder.
+    """
     names = {
-        (run, speed): f"{FOLDER}/{run}-{speed}.csv" for run in tomllib.loads(rig_text)["runs"] for speed in SPEEDS_RPM
+        (run, speed): f"{RECORDINGS}/{run}-{speed}.csv"
+        for run in tomllib.loads(rig_text)["runs"]
+        for speed in SPEEDS_RPM
     }
     entries = "".join(f'\n[recordings."{name}"]\nrun = "{run}"\n' for (run, _), name in names.items())
     write_whole(folder / "rig.toml", rig_text.rstrip("\n") + "\n" + WAVEFORM + entries)
     rig = read_rig(folder / "rig.toml")
-    (folder / FOLDER).mkdir(exist_ok=True)
+    with refusals(folder, "cannot be written to", "choose another folder"):
+        (folder / RECORDINGS).mkdir()
     rng = np.random.default_rng(3)
     for (run, speed), name in names.items():
         write_whole(folder / name, _recording(_truth(rig), rig, run, speed * (1.0 + 1e-3 * rng.standard_normal()), rng))
-    return GUIDE.format(folder=folder, count=len(names))
+    return GUIDE.format(folder="{folder}", count=len(names))
 
 
 def _truth(rig: Rig) -> Model:

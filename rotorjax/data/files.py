@@ -1,8 +1,12 @@
 """Text files read with a clear refusal; files written whole or not at all."""
 
+import contextlib
+import functools
 import os
 import re
-import tempfile
+import secrets
+import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 from rotorjax.errors import InputError
@@ -35,6 +39,29 @@ _KINDS: tuple[tuple[bytes, str, str], ...] = (
 _CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 """Bytes that no text in any encoding of one byte per character has. Escape has a message of its own."""
 _SAMPLE = 8192
+_NOT_WRITTEN = "cannot be written"
+
+
+@contextlib.contextmanager
+def refusals(path: Path | str, what: str = "", cure: str = "choose another path") -> Iterator[None]:
+    """What the system refuses to do with a path, as an `InputError`: also a path that is none, being too long, in a
+    circle or with a zero byte.
+
+    **Arguments:** ``path``, or how it was given; ``what`` cannot be done, such as "cannot be written"; ``cure``.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, ValueError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: {f'{what} ({why})' if what else why}; {cure}") from error
+
+
+def resolved(path: Path) -> Path:
+    """A path with nothing relative and no link in it. **Errors.** `InputError` if it is none."""
+    with refusals(path):
+        return path.resolve()
 
 
 def read_text(path: Path) -> str:
@@ -42,12 +69,10 @@ def read_text(path: Path) -> str:
 
     **Errors.** `InputError` if the file cannot be opened, is no text, which is said, or is in another encoding.
     """
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the path of a file in it")
-    try:
+    with refusals(path, cure="give the path of a readable file"):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; give the path of a file in it")
         raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; give the path of a readable file") from error
     wide = _wide_encoding(raw)
     if wide:
         raise InputError(f"{path}: encoded as {wide}; save it as UTF-8 (for a table in Excel: 'CSV UTF-8')")
@@ -80,29 +105,65 @@ def _wide_encoding(raw: bytes) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there. What
-    is no plain file, such as /dev/stdout, is written to, not replaced.
+    """Write a file, a text as UTF-8, through a temporary one beside it, so that a failure leaves what was there. A file
+    keeps its mode, a link stays one. What is no plain file, such as /dev/stdout, is written to, not replaced.
 
-    **Errors.** `InputError` if the folder is missing or cannot be written to.
+    **Errors.** `InputError` if the folder is missing or cannot be written to, or the file is protected.
     """
     data = content.encode() if isinstance(content, str) else content
-    if path.exists() and not path.is_file():
-        try:
+    with refusals(path, _NOT_WRITTEN):
+        found = _found(path)
+        if found is not None and not stat.S_ISREG(found.st_mode):
             path.write_bytes(data)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another path") from error
-        return
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
+            return
+        with _temporary(path, found) as temporary:
+            temporary.write_bytes(data)
+            os.replace(temporary, resolved(path))
+
+
+def check_writable(path: Path) -> None:
+    """Refuse beforehand what `write_whole` would refuse, as far as a temporary file in the folder shows it.
+
+    **Errors.** `InputError`.
+    """
+    with refusals(path, _NOT_WRITTEN):
+        found = _found(path)
+        if found is None or stat.S_ISREG(found.st_mode):
+            with _temporary(path, found):
+                pass
+
+
+def _found(path: Path) -> os.stat_result | None:
+    """What is there already, if anything.
+
+    **Errors.** `InputError` for a folder, a file that is protected, and a file in a folder that does not exist.
+    """
+    if not path.name or path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    if not path.parent.is_dir():
         raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); choose a folder that exists"
-        ) from error
+            f"{path}: {_NOT_WRITTEN}, the folder {path.parent} does not exist; make it, or choose a folder that exists"
+        )
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        Path(temporary).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another path") from error
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    # The superuser may write to any file: its mode says what its owner wants.
+    if not (found.st_mode & (stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH) and os.access(path, os.W_OK)):
+        raise InputError(f"{path}: is protected against writing; choose another path, or allow writing to it")
+    return found
+
+
+@contextlib.contextmanager
+def _temporary(path: Path, found: os.stat_result | None) -> Iterator[Path]:
+    """An empty file beside another, with its mode, or that of a new file; gone at the end."""
+    temporary = resolved(path).parent / f".{secrets.token_hex(8)}.part"
+    mode = 0o666 if found is None else stat.S_IMODE(found.st_mode) & 0o777
+    with open(temporary, "xb", opener=functools.partial(os.open, mode=mode)):
+        pass
+    try:
+        if found is not None:
+            os.chmod(temporary, mode)
+        yield temporary
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from rotorjax.data.files import resolved
 from rotorjax.data.measurement import CLUSTER_WIDTH, Measurement, Row, is_half_order
 from rotorjax.data.pulses import TURN
 from rotorjax.data.record_points import (
@@ -148,7 +149,7 @@ def read_recordings(
 def _entry(rig: Rig, file: Path) -> tuple[Recorded, Path]:
     """What the rig file says of a recording."""
     for recorded in rig.waveform.recordings:
-        if (rig.path.parent / recorded.file).resolve() == file.resolve():
+        if resolved(rig.path.parent / recorded.file) == resolved(file):
             return recorded, file
     if file.stem not in rig.runs:
         raise InputError(

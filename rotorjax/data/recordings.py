@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rotorjax.data.files import refusals
 from rotorjax.data.section import nearest
 from rotorjax.errors import InputError
 
@@ -109,11 +110,8 @@ def open_recording(path: Path) -> Recording:
     """
     from rotorjax.data import recording_formats as formats  # noqa: PLC0415 - it needs `Recording`
 
-    try:
-        with path.open("rb") as file:
-            begin = file.read(1024)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; give the path of a recording") from error
+    with refusals(path, cure="give the path of a recording"), path.open("rb") as file:
+        begin = file.read(1024)
     kinds: tuple[tuple[bool, Callable[[Path], Recording]], ...] = (
         (begin.startswith(b"PK\x03\x04"), _open_npz),
         (begin[:4] in (b"RIFF", b"RIFX", b"RF64") and begin[8:12] == b"WAVE", _open_wav),

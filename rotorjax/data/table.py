@@ -264,7 +264,10 @@ def _duplicates(path: Path, rows: list[Row], lines: list[int]) -> list[str]:
 
 
 def write_table(path: Path, rows: list[Row]) -> None:
-    """Write rows as a measurement table, whole or not at all; sigma and repeat only if some row has them."""
+    """Write rows as a measurement table, whole or not at all; sigma and repeat only if some row has them.
+
+    **Errors.** `InputError` for rows that could not be told apart as they are written, and where it cannot be written.
+    """
     names = [*REQUIRED]
     if any(row.sigma_um is not None for row in rows):
         names.append("sigma_um")
@@ -275,7 +278,15 @@ def write_table(path: Path, rows: list[Row]) -> None:
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(names)
+    seen = set()
     for row in rows:
-        record = row._asdict()
-        writer.writerow([f"{v:.10g}" if isinstance(v := record[name], float) else v for name in names])
+        record = {name: f"{v:.10g}" if isinstance(v, float) else v for name, v in row._asdict().items()}
+        key = tuple(record[name] for name in ("run", "speed_rpm", "probe", "order", "repeat"))
+        if key in seen:
+            raise InputError(
+                f"{path}: run {row.run!r}, probe {row.probe!r} would have two rows of {record['speed_rpm']} rpm and "
+                f"order {record['order']}: numbers have ten digits; choose speeds and orders further apart"
+            )
+        seen.add(key)
+        writer.writerow([record[name] for name in names])
     write_whole(path, buffer.getvalue())

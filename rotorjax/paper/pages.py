@@ -5,7 +5,7 @@ the audit at a glance.
 import tempfile
 from pathlib import Path
 
-from rotorjax.data.files import write_whole
+from rotorjax.data.files import refusals, write_whole
 from rotorjax.errors import InputError
 from rotorjax.paper.errata import Erratum, errata
 from rotorjax.paper.figures import figures
@@ -49,20 +49,17 @@ def prepare(folder: Path) -> None:
     """Make the folder. **Errors.** `InputError` if it cannot be made, or holds another README.md,
     which would be lost.
     """
-    try:
+    with refusals(folder, "cannot be made a folder", "give another"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made a folder ({error.strerror}); give another") from error
+    with refusals(folder, "cannot be written to", "give another"):
+        tempfile.TemporaryFile(dir=folder).close()
     readme = folder / "README.md"
-    if readme.exists() and readme.read_text(encoding="utf-8", errors="replace").startswith(TITLE):
-        return
+    with refusals(readme, "cannot be read", "give another folder"):
+        if readme.is_file() and readme.read_text(encoding="utf-8", errors="replace").startswith(TITLE):
+            return
     for path in [readme, *folder.glob("table_*"), *folder.glob("figure_*")]:
         if path.exists():
             raise InputError(f"{path}: is not from here and would be overwritten; give a new folder")
-    try:
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror}); give another") from error
 
 
 def _summary(sheets: list[Sheet], found: list[Erratum]) -> str:

@@ -221,6 +221,9 @@ def test_another_page_is_not_overwritten(study, tmp_path):
     (tmp_path / "README.md").write_text("# Mine\n", encoding="utf-8")
     with pytest.raises(InputError, match="would be overwritten"):
         reproduce(study, tmp_path)
+    (tmp_path / "folder" / "README.md").mkdir(parents=True)
+    with pytest.raises(InputError, match="would be overwritten"):
+        prepare(tmp_path / "folder")
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(InputError, match="cannot be made a folder"):
         prepare(tmp_path / "file" / "below")

@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 
-from rotorjax import read_rig
+from rotorjax import InputError, read_rig
 from rotorjax.cli import main
 
 from helpers import HEADER, RIG, ROWS, write
@@ -282,6 +282,12 @@ def test_effects_and_version(capsys):
         ),
         (["compare", "{data}", "--rig", "{rig}", "--json", "{folder}"], "is a folder"),
         (["compare", "{data}", "--rig", "{rig}", "--report", "{folder}/none/r.html"], "does not exist"),
+        (["compare", "{data}", "--rig", "{long}"], "File name too long; give the path of a readable file"),
+        (["compare", "{data}\0", "--rig", "{rig}", "--json", "{new}"], "embedded null byte; choose another path"),
+        (["explain-many", "{folder}", "--output", "{new}", "--reports", "{long}"], "too long; name a folder"),
+        (["explain-many", "{long}", "--output", "{new}"], "File name too long; give a folder with tables"),
+        (["vectors", "{long}", "--rig", "{rig}", "--output", "{new}"], "does not say which run it holds"),
+        (["example", "{long}"], "cannot be made (File name too long); choose another folder"),
         (
             ["compare", "{data}", "--rig", "{rig}", "--effect", "mass_error", "--effect", "mass_error"],
             "mass_error is there already",
@@ -299,7 +305,7 @@ def test_bad_input(tmp_path, capsys, arguments, words):
     taken.mkdir()
     (taken / "rig.toml").write_text("mine")
     new = tmp_path / "new.csv"
-    filled = [a.format(data=data, rig=toml, new=new, folder=taken) for a in arguments]
+    filled = [a.format(data=data, rig=toml, new=new, folder=taken, long=tmp_path / ("n" * 300)) for a in arguments]
     assert run(*filled) == 2
     caught = capsys.readouterr()
     assert words in caught.err
@@ -320,6 +326,75 @@ def test_what_is_no_plain_file_is_written_to_not_replaced(tmp_path):
     reader.join(10.0)
     assert json.loads(read[0])["rms_um"] > 0.0
     assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_the_example_leaves_recordings_that_are_there(tmp_path, capsys, kind):
+    mine = tmp_path / "recordings" / ("baseline-700.csv" if kind == "folder" else "")
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text("mine")
+    assert run("example", tmp_path, "--recordings") == 2
+    assert "recordings: exists already; give an empty folder" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [tmp_path / "recordings"]
+
+
+def test_the_example_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    def refuse(*_: object) -> str:
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr("rotorjax.data.example_recordings._recording", refuse)
+    assert run("example", tmp_path, "--recordings") == 2
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc and /dev/full")
+def test_outputs_that_cannot_be_written_are_refused_before_and_cost_no_other(tmp_path, capsys):
+    data, toml = write(tmp_path)
+    protected, report = tmp_path / "protected.json", tmp_path / "r.html"
+    protected.touch(mode=0o400)
+    given = ("compare", data, "--rig", toml, "--report", report)
+    assert run(*given, "--write-rig", "/proc/new.toml", "--json", protected) == 2
+    caught = capsys.readouterr()
+    assert re.search(
+        r"--json \S+: is protected against writing; .*\n.*--write-rig /proc/new.toml: cannot be", caught.err
+    )
+    assert not caught.out
+    assert not report.exists()
+    assert run(*given, "--write-rig", "/dev/full", "--json", tmp_path / "c.json") == 2
+    caught = capsys.readouterr()
+    assert caught.err.splitlines() == [
+        "rotorjax: /dev/full: cannot be written (No space left on device); choose another path"
+    ]
+    assert "Report: " in caught.out
+    assert report.exists()
+    assert (tmp_path / "c.json").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
+@pytest.mark.parametrize("where", [">/dev/full", ">&-"])
+def test_standard_output_that_takes_nothing_costs_one_message_and_no_file(tmp_path, where):
+    data, toml = write(tmp_path)
+    outputs = ("--json", tmp_path / "c.json", "--report", tmp_path / "r.html", "--write-rig", tmp_path / "n.toml")
+    for arguments in (("effects",), ("compare", data, "--rig", toml, *outputs)):
+        command = [sys.executable, "-m", "rotorjax.cli", *map(str, arguments)]
+        called = subprocess.run(
+            ["sh", "-c", f'"$@" {where}', "sh", *command], capture_output=True, text=True, check=False
+        )
+        assert called.returncode == 2
+        (line,) = called.stderr.splitlines()
+        assert re.match("rotorjax: standard output: (is closed|cannot be written to .*); let it go to", line)
+    assert all(path.stat().st_size for path in outputs[1::2])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
+@pytest.mark.parametrize("where", ["2>/dev/full", "2>&-"])
+def test_standard_error_that_takes_nothing_changes_nothing(where):
+    command = [sys.executable, "-m", "rotorjax.cli", "effects"]
+    for name, status in (("crack", 0), ("crak", 2)):
+        called = subprocess.run(["sh", "-c", f'"$@" {where}', "sh", *command, name], capture_output=True, check=False)
+        assert called.returncode == status
+        assert bool(called.stdout) == (status == 0)
 
 
 def test_bad_table_writes_nothing(tmp_path, capsys):

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 
+from rotorjax.compilation import _cache_folder
 from rotorjax.inference.kept_programs import FOLDER, kept_program
 
 
@@ -83,3 +84,9 @@ def test_without_a_cache_nothing_is_kept(tmp_path):
         np.testing.assert_array_equal(kept_program(Doubled(), "doubled", (VALUES,))(VALUES), 2.0 * VALUES)
     finally:
         jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_a_user_without_a_home_has_no_folder_for_them(monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr("os.path.expanduser", lambda path: path)
+    assert _cache_folder() is None

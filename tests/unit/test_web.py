@@ -401,6 +401,7 @@ def test_a_server_that_is_killed_leaves_nothing_either(tmp_path):
     [
         (["--port", "70000"], "--port 70000: must be 1 to 65535"),
         (["--max-table-mb", "0"], "--max-table-mb 0.0: must be a number above zero"),
+        (["--max-table-mb", "1e308"], "--max-table-mb 1e+308: must be a number above zero, at most 1e+09"),
         (["--max-recordings-mb", "nan"], "--max-recordings-mb nan: must be"),
     ],
 )
