@@ -13,7 +13,7 @@ from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import Scored, race, score
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.screening import HALVED, Change, Screened, beside_answer, screen
+from rotorjax.discovery.screening import HALVED, Change, Screened, beside_answer, beside_forces_of, screen
 from rotorjax.discovery.search import Selection, begin, retold, select, with_set
 from rotorjax.discovery.ties import Ties, noise_left
 from rotorjax.inference.descent import HOPELESS
@@ -175,10 +175,21 @@ class Doubts(NamedTuple):
             hopeless = _Reach.of(own, noise).hopeless
             screened = [screen(change, noise, hopeless=hopeless) for change in doubted]
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
+        if misses(own):
+            near = self._beside_its_forces(own, noise, near)
         if own.cut_off:
             share = contest.budget.left / max(1, len(near))
         found = with_near(own, near, noise, self.most, self.progress, share=share, missed=self.missed)
         return self.ranked(*found)
+
+    def _beside_its_forces(self, own: Answer, noise: Noise, near: list[Screened]) -> list[Screened]:
+        """Changes near an answer that misses, those first that are beside its nonlinear forces."""
+        contest, answer = own.selection.contest, own.selection.known[own.selection.present]
+        if not answer.effects & contest.coupled:
+            return near
+        found = beside_forces_of(answer, contest, self.changes, noise)
+        others = [one for one in near if all(one.change.mistake != other.change.mistake for other in found)]
+        return [*found, *others][:MOST_SEARCHED]
 
     def ranked(self, found: list[Answer], cut_off: tuple[Mistake, ...]) -> MistakeRace:
         """What was found, the search of the best finished if it was cut off; with the effects of the best change beside

@@ -177,6 +177,25 @@ def beside_answer(
     return level, fitted
 
 
+def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change], noise: Noise) -> list[Screened]:
+    """Changes beside which the costly effects of an answer that misses, and nothing else, leave less than it does, and
+    hardly more than beside the nearest: with all linear effects, too.
+
+    All are held against one another under a wide noise, which does not ask for what is small. Beside a strong spring
+    and a trial weight on the opposite side no linear effect tells one change from another.
+    """
+    wide = Noise(WIDE * stated.measurement.rms)
+    level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
+    alone = [(change, _costly_alone(change, own, wide, level + TIE)) for change in changes]
+    scored = [(fitted.best.cost - change.log_odds, change, fitted) for change, fitted in alone if fitted.balanced]
+    most = min([level, *(cost + HOPELESS for cost, _, _ in scored)])
+    return [
+        screen(change._replace(known={one.effects: one}), noise, one, starts=[Start.at(one.best)], manner=BESIDE_FORCES)
+        for cost, change, one in sorted(scored, key=lambda entry: entry[0])
+        if cost < most
+    ]
+
+
 def _costly_alone(change: Change, own: Contender, noise: Noise, hopeless: float) -> Contender:
     """The costly effects of an answer beside a change, and nothing else, from where the answer has them."""
     contest = change.contest

@@ -27,10 +27,11 @@ from rotorjax.arrays import as_array
 from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
 from rotorjax.discovery.contest import make_contest
-from rotorjax.discovery.screening import as_stated, of_what_fails
-from rotorjax.discovery.search import begin, with_set
+from rotorjax.discovery.race import race
+from rotorjax.discovery.screening import Change, as_stated, beside_forces_of, of_what_fails
+from rotorjax.discovery.search import WIDE, begin, with_set
 from rotorjax.effects import CATALOG
-from rotorjax.inference.noise import NO_NOISE
+from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.model.contract import RestoringEffect, SweepEffect
 
 import hidden_forces
@@ -306,12 +307,26 @@ def test_exchanged_probes_are_named_where_the_noise_is_unknown():
     assert (found.verdict, found.named) == ("explained", ("probes_exchanged",))
 
 
+def test_mistakes_are_held_against_one_another_beside_the_force_of_an_answer_that_misses():
+    """A weight on the opposite side in one of three runs beside a strong cubic spring, which a rub stands for."""
+    drawn, mistake = draw_with_mistake(31450)
+    contest = make_contest(drawn.model, drawn.measurement, CATALOG)
+    wide, answer = Noise(WIDE * drawn.measurement.rms), frozenset({"rub", "foundation"})
+    own = race(contest, wide, [answer], {})[answer]
+    every = mistakes(contest.space.model, contest.measurement)
+    near = beside_forces_of(own, contest, [Change.of(contest, one, 0.0) for one in every], NO_NOISE)
+    assert [one.change.mistake.name for one in near] == [mistake]
+    assert near[0].beside == {"rub"}
+
+
 @pytest.mark.campaign
-@pytest.mark.parametrize("seed", [31058, 31332, 31356, 31388])
+@pytest.mark.parametrize("seed", [31058, 31332, 31352, 31356, 31382, 31388, 31450])
 def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     """Gains far from their scale make up for amplitudes read as half of what they are beside a clearance, or in mil
     beside a cubic spring where the noise is unknown; beside dry friction a phase reference half a turn off and an
-    unbalance for two runs exchanged, or without one for a weight on the opposite side of a single run.
+    unbalance for two runs exchanged, or without one for a weight on the opposite side of a single run. Beside a rub or
+    a strong cubic spring nothing makes up for a reversed probe, angles in the other sense or a weight on the opposite
+    side, and no linear effect tells these apart.
     """
     drawn, mistake = draw_with_mistake(seed)
     found = explain(drawn.model, drawn.measurement)
