@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorjax.data.measurement import Measurement
+from rotorjax.data.measurement import COLUMN, Measurement
 from rotorjax.data.rig import to_rows
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explanation import Explanation
@@ -18,8 +18,9 @@ from rotorjax.units import MICROMETRE
 def frame(result: Any) -> Any:
     """A result as a data frame.
 
-    A measurement has a row per vector, as in a table; a comparison a row per vector with its prediction, the worst
-    first; a fit a row per parameter; a story a row per step; an explanation a row per candidate of every step.
+    A measurement has a row per vector, as in a table, but zero-to-peak with leading phase whatever the rig file says,
+    as the names of its columns state; a comparison a row per vector with its prediction, the worst first; a fit a row
+    per parameter; a story a row per step; an explanation a row per candidate of every step.
     **Errors.** ``ImportError`` where pandas is not installed, ``TypeError`` for what has no rows.
     """
     makers = {Measurement: _vectors, Comparison: _cells, Fit: _parameters, Story: _steps, Explanation: _candidates}
@@ -37,7 +38,11 @@ def _pandas() -> Any:
 
 
 def _vectors(m: Measurement) -> list[dict[str, Any]]:
-    return [row._asdict() for row in to_rows(m)]
+    stated = {column: name for name, column in COLUMN.items()}
+    return [
+        {stated.get(name, name): value for name, value in row._asdict().items() if value is not None}
+        for row in to_rows(m)
+    ]
 
 
 def _cells(view: Comparison) -> list[dict[str, Any]]:

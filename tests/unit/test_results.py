@@ -4,6 +4,7 @@ import dataclasses
 import re
 
 import numpy as np
+import pandas
 import pytest
 
 from rotorjax import (
@@ -165,7 +166,7 @@ def test_phases_are_shown_in_the_turn_in_which_they_are_nearest():
 
 def test_data_frames_hold_what_the_tables_say(found, story, measured):
     vectors = measured[1].to_pandas()
-    assert list(vectors.columns[:6]) == ["run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg"]
+    assert list(vectors.columns[:6]) == ["run", "speed_rpm", "probe", "order", "amplitude_um_0pk", "phase_lead_deg"]
     assert len(vectors) == measured[1].present.sum()
     parameters = story.fits[-1].to_pandas().set_index("parameter")
     assert parameters.loc["unbalance_x_kg_m", "unit"] == "g mm"
@@ -181,13 +182,28 @@ def test_data_frames_hold_what_the_tables_say(found, story, measured):
         measured[0].to_pandas()
 
 
+@pytest.mark.parametrize(("amplitude", "phase"), [("peak", "lead"), ("peak-to-peak", "lag"), ("rms", "lead")])
+def test_a_data_frame_keeps_the_vectors_whatever_the_rig_file_states(tmp_path, amplitude, phase):
+    write_example(tmp_path)
+    path = tmp_path / "rig.toml"
+    path.write_text(path.read_text().replace('"peak"', f'"{amplitude}"').replace('"lead"', f'"{phase}"'))
+    rig = read_rig(path)
+    assert (rig.convention.amplitude, rig.convention.phase) == (amplitude, phase)
+    measurement = read_measurement(tmp_path / "measurement.csv", rig)
+    frames = measurement.to_pandas(), pandas.read_csv(tmp_path / "measurement.csv")
+    for frame in (*frames, frames[0].assign(phase_deg=frames[1]["phase_deg"]).drop(columns="phase_lead_deg")):
+        again = Measurement.from_pandas(frame, rig)
+        np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-12)
+        np.testing.assert_allclose(again.sigma, measurement.sigma)
+        assert again.runs == measurement.runs
+    quiet = dataclasses.replace(measurement, sigma=None)
+    assert Measurement.from_pandas(quiet.to_pandas(), rig).sigma is None
+
+
 def test_a_data_frame_is_read_as_a_table_is(tmp_path):
     write_example(tmp_path)
     rig = read_rig(tmp_path / "rig.toml")
     measurement = read_measurement(tmp_path / "measurement.csv", rig)
-    again = Measurement.from_pandas(measurement.to_pandas(), rig)
-    np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-15)
-    assert again.runs == measurement.runs
     frame = measurement.to_pandas().assign(run=lambda f: f["run"].replace("trial-a", "trial-c"))
     with pytest.raises(InputError, match=r"data frame:\d+: run 'trial-c' is not in"):
         Measurement.from_pandas(frame, rig)
