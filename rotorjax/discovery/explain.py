@@ -187,7 +187,7 @@ def _answer(
         noise=noise,
         contest=contest,
         max_effects=selection.most,
-        catalog=catalog,
+        catalog=dict(catalog),
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or 0, tuple(stages.untried)),
     )

@@ -1,6 +1,8 @@
 """Results that can be held: summary, report, pictures by name, HTML for notebooks. Hostile names stay harmless."""
 
+import copy
 import dataclasses
+import pickle
 import re
 
 import numpy as np
@@ -98,6 +100,17 @@ def test_reports_are_written_where_asked(found, story, tmp_path):
         text = path.read_text()
         assert "&lt;b&gt;mine" in text
         assert "<script" not in text
+
+
+@pytest.mark.parametrize("again", [lambda kept: pickle.loads(pickle.dumps(kept)), copy.deepcopy])
+def test_results_can_be_saved_and_copied(found, story, measured, again):
+    for result in (found, story, story.fits[-1], story.declared, *measured):
+        assert again(result).summary() == result.summary()
+    kept = again(found)
+    assert kept.catalog == found.catalog
+    assert kept.cost == found.cost
+    assert repr(kept) == repr(found)
+    assert kept.plot.amplitude().has_data()
 
 
 @pytest.mark.parametrize("name", ["error", "amplitude", "polar", "residuals", "correlations"])
