@@ -95,7 +95,7 @@ class Knowledge:
     """What the table's amplitudes are said to be; none where recordings were read, which no convention concerns."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Measurement(Shown):
     """Vibration vectors of a set of runs, dense over case x probe x order, with what was installed in each case."""
 

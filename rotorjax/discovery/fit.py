@@ -47,7 +47,7 @@ NOT_STEADY = (
 """What a fit says whose nonlinear forces were laid along the measured motion and no further."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Fit(Shown):
     """A fitted model, its parameters with standard errors, and how well it holds on data that it did not see."""
 

@@ -27,7 +27,7 @@ CORRELATED = 0.95
 """Correlation of two estimates above which the data fix a combination of them only."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Story(Reported):
     """A model compared as declared, and after every effect added."""
 

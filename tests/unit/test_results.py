@@ -113,6 +113,14 @@ def test_results_can_be_saved_and_copied(found, story, measured, again):
     assert kept.plot.amplitude().has_data()
 
 
+def test_results_are_told_apart_as_objects(found, story, measured):
+    results = [found, story, story.fits[-1], story.declared, measured[1]]
+    assert len({*results, *results}) == 5
+    for result in results:
+        assert result in results
+        assert result != copy.copy(result)
+
+
 @pytest.mark.parametrize("name", ["error", "amplitude", "polar", "residuals", "correlations"])
 def test_pictures_have_labels_and_are_drawn_where_asked(found, story, name):
     for result in (found, story):
