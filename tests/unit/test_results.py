@@ -23,6 +23,7 @@ from rotorjax import (
     response,
     tell,
 )  # fmt: skip
+from rotorjax.data.declarations import mistakes
 from rotorjax.data.example import write_example
 from rotorjax.reporting.curves import Curve, fitted_curves
 
@@ -111,6 +112,18 @@ def test_results_can_be_saved_and_copied(found, story, measured, again):
     assert kept.cost == found.cost
     assert repr(kept) == repr(found)
     assert kept.plot.amplitude().has_data()
+
+
+def test_mistakes_can_be_saved(tmp_path):
+    write_example(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    stated = rig.model, read_measurement(tmp_path / "measurement.csv", rig)
+    every = mistakes(*stated)
+    for kept, mistake in zip(pickle.loads(pickle.dumps(every)), every, strict=True):
+        assert kept.name == mistake.name
+        (model, m), (same, alike) = kept.put_right(*stated), mistake.put_right(*stated)
+        assert model.summary() == same.summary()
+        np.testing.assert_array_equal(m.conditions.unbalance, alike.conditions.unbalance)
 
 
 def test_results_are_told_apart_as_objects(found, story, measured):
