@@ -16,8 +16,11 @@ from rotorjax import (
     Layout,
     Measurement,
     Model,
+    diagnose,
     effects,
     explain,
+    fit,
+    fit_steps,
     read_measurement,
     read_rig,
     response,
@@ -51,6 +54,15 @@ def found(measured):
 @pytest.fixture(scope="module")
 def story(measured):
     return tell(*measured, [effects.ResidualUnbalance()])
+
+
+def test_a_rotor_alone_is_fitted_told_and_diagnosed(measured):
+    (model, m), rotor = measured, measured[0].rotor
+    assert fit(rotor, m, held_out=False).model.summary() == fit(model, m, held_out=False).model.summary()
+    assert len(fit_steps(rotor, [], m)) == 1
+    assert tell(rotor, m, []).summary() == tell(model, m, []).summary()
+    for mine, same in zip(diagnose(rotor, m).runs, diagnose(model, m).runs, strict=True):
+        np.testing.assert_array_equal(mine.unbalance.pair, same.unbalance.pair)
 
 
 def test_from_arrays_fills_in_what_is_usual(measured):
