@@ -2,11 +2,13 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import several
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.least_squares import Solution, solve
 from rotorjax.diagnosis.separability import why_not_separable
@@ -43,7 +45,9 @@ class Diagnosis:
     inherent: RunDiagnosis | None
 
 
-def diagnose(model: Model | AbstractRotor, measurement: Measurement, *, reference: tuple[str, ...] = ()) -> Diagnosis:
+def diagnose(
+    model: Model | AbstractRotor, measurement: Measurement, *, reference: str | Iterable[str] = ()
+) -> Diagnosis:
     """Unbalance and bow of every run from its 1X vectors at all its speeds jointly, by weighted least squares.
 
     z - z_0 = J (U_x, U_y, s_x, s_y): the map is linear (Huang et al. 2026, Sensors 26:2565, equations 5-9). Found is
@@ -59,6 +63,7 @@ def diagnose(model: Model | AbstractRotor, measurement: Measurement, *, referenc
     require_float64("diagnose")
     if 1.0 not in measurement.orders:
         raise ValueError("the table holds no order 1: unbalance and bow show at 1X")
+    reference = several(reference)
     if missing := [run for run in reference if run not in measurement.runs]:
         raise ValueError(f"reference run {missing[0]!r} is not in the table, which has {', '.join(measurement.runs)}")
     whole = model if isinstance(model, Model) else Model(model)

@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import one_of, several
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
@@ -99,8 +100,9 @@ class Fit(Shown):
         return run_floor(self.stage.measurement, fitted, -self.residual).scatter
 
     def estimate(self, effect: str, label: str) -> Estimate:
-        """The estimate of one entry."""
-        return next(e for e in self.estimates if (e.entry.effect, e.entry.label) == (effect, label))
+        """The estimate of one entry. **Errors.** ``ValueError`` where it was not fitted."""
+        by_key = {e.entry.key: e for e in self.estimates}
+        return by_key[one_of(f"{effect}.{label}", by_key, "estimate")]
 
     def objections(self, names: Iterable[str]) -> tuple[str, ...]:
         """What speaks against the values of these effects, each by name."""
@@ -113,7 +115,7 @@ def fit(
     model: Model | AbstractRotor,
     measurement: Measurement,
     *,
-    free: tuple[str, ...] | None = None,
+    free: str | Iterable[str] | None = None,
     held_out: bool = True,
 ) -> Fit:
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
@@ -132,7 +134,7 @@ def fit(
     finite.
     """
     full = model if isinstance(model, Model) else Model(model)
-    names = tuple(e.name for e in full.effects) if free is None else free
+    names = tuple(e.name for e in full.effects) if free is None else several(free)
     if missing := [name for name in names if name not in full]:
         raise ValueError(f"the model has no {missing[0]!r} to fit; add it first: model + effect")
     fitted = _finite(_fit(_stage(full, full, measurement, names, frozenset())))

@@ -159,8 +159,36 @@ def test_probabilities_name_effects_and_none(found, story):
     labels = [label.get_text() for label in found.plot.probabilities().get_yticklabels()]
     assert labels[0] == "residual_unbalance"
     assert "none" in labels
+    assert found.plot.probabilities(step=-1).has_data()
     with pytest.raises(ValueError, match="explain finds that"):
         story.plot.probabilities()
+
+
+def test_unknown_names_are_answered_with_those_there_are(found, story, measured):
+    for ask, message in (
+        (lambda: found.plot.amplitude(run="foo"), "no run 'foo'; choose among <script>, trial"),
+        (lambda: found.plot.amplitude(probe="Z"), "no probe 'Z'; choose among X, Y"),
+        (lambda: found.plot.amplitude(order=2.0), "no order 2.0; choose among 1.0"),
+        (lambda: found.plot.polar(probe="Z"), "no probe 'Z'"),
+        (lambda: found.plot.orbit(run="foo"), "no run 'foo'"),
+        (lambda: found.plot.orbit(probes=("X", "Z")), "no probe 'Z'"),
+        (lambda: found.plot.orbit(probes=("X", "X")), "needs two probes"),
+        (lambda: found.plot.probabilities(step=9), r"no step 9; choose among 0"),
+        (lambda: story.fits[-1].estimate("residual_unbalance", "foo"), r"'residual_unbalance.foo'; choose among .*_x_"),
+        (lambda: diagnose(*measured, reference="foo"), "reference run 'foo' is not in the table"),
+        (lambda: fit(*measured, free="foo"), "has no 'foo' to fit"),
+        (lambda: explain(*measured, only="foo"), "unknown effect 'foo'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ask()
+
+
+def test_one_name_stands_for_a_collection_of_it(measured):
+    model, m = measured
+    assert diagnose(model, m, reference="trial") is not None
+    fitted = fit(model + effects.ResidualUnbalance(), m, free="residual_unbalance", held_out=False)
+    assert fitted.free == ("residual_unbalance",)
+    assert fitted.estimate("residual_unbalance", "unbalance_x_kg_m").value == pytest.approx(5.8e-6, rel=0.1)
 
 
 def test_what_was_not_looked_into_is_said(found):
@@ -250,6 +278,10 @@ def test_a_data_frame_is_read_as_a_table_is(tmp_path):
     write_example(tmp_path)
     rig = read_rig(tmp_path / "rig.toml")
     measurement = read_measurement(tmp_path / "measurement.csv", rig)
+    rig.write_measurement(str(tmp_path / "again.csv"), measurement)
+    assert rig.write(str(tmp_path / "again.toml"), rig.model)
+    again = read_measurement(tmp_path / "again.csv", read_rig(tmp_path / "again.toml"))
+    np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-13)
     frame = measurement.to_pandas().assign(run=lambda f: f["run"].replace("trial-a", "trial-c"))
     with pytest.raises(InputError, match=r"data frame:\d+: run 'trial-c' is not in"):
         Measurement.from_pandas(frame, rig)
