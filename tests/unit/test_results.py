@@ -252,8 +252,10 @@ def test_data_frames_hold_what_the_tables_say(found, story, measured):
     first = ranking[ranking["step"] == 0]
     assert first["probability"].sum() == pytest.approx(1.0)
     assert first["effect"].iloc[0] == "residual_unbalance"
-    with pytest.raises(TypeError, match="Model has no rows"):
-        measured[0].to_pandas()
+    numbers = (measured[0] + effects.ResidualUnbalance(5.8e-6, 0.0)).to_pandas().set_index("parameter")
+    assert numbers.loc["stiffness x", "value"] == 5e4
+    assert numbers.loc["unbalance_x_kg_m", ["part", "unit"]].to_list() == ["residual_unbalance", "g mm"]
+    assert numbers.loc["unbalance_x_kg_m", "value"] == pytest.approx(5.8)
 
 
 @pytest.mark.parametrize(("amplitude", "phase"), [("peak", "lead"), ("peak-to-peak", "lag"), ("rms", "lead")])
