@@ -26,7 +26,7 @@ _PEAKS = (
         'is peak-to-peak: write [convention] amplitude = "peak-to-peak" in the rig file',
     ),
     (r"_rms_", 'is an rms value: write [convention] amplitude = "rms" in the rig file'),
-    (r"_(0p|op|0_pk|zero_(to_)?peak|pk|peak)_", "is zero-to-peak, as it is read"),
+    (r"_(0p|0pk|op|0_pk|zero_(to_)?peak|pk|peak)_", "is zero-to-peak, as it is read"),
 )
 _PHASES = (
     (r"_rad(ians?)?_", "is in radians: multiply it by 57.29578"),

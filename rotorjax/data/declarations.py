@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -61,7 +62,7 @@ class Mistake(NamedTuple):
     cure: str
     """What to change, and where."""
     corrected: Callable[[Model, Measurement], Stated]
-    """Model and measurement as they are if it was made; what is compiled serves both."""
+    """Model and measurement as they are if it was made; what is compiled serves both. It can be pickled."""
     in_mirror: bool = False
     """Whether that model is the rotor seen in a mirror, its rotation reversed."""
 
@@ -161,13 +162,8 @@ def _rotation(model: Model, _: Measurement) -> Iterator[Mistake]:
     """With reversed rotation x to y: the same rotor seen in a mirror, so that nothing need be compiled anew."""
     if len(model.layout.probes) < 2 or not hasattr(model.rotor, "rotation"):
         return
-
-    def corrected(model: Model, m: Measurement) -> Stated:
-        mirrored = dataclasses.replace(model.probes, angle=as_array(-np.asarray(model.probes.angle)))
-        return dataclasses.replace(_with_gravity(model, np.array([1.0, -1.0])), probes=mirrored), m
-
     meaning = "the shaft turns the other way than the rig file says"
-    yield Mistake("rotation_reversed", (), meaning, "[convention] rotation: write the other sense", corrected, True)
+    yield Mistake("rotation_reversed", (), meaning, "[convention] rotation: write the other sense", _in_mirror, True)
 
 
 def reversed_rotation(model: Model) -> Model:
@@ -177,29 +173,18 @@ def reversed_rotation(model: Model) -> Model:
 
 
 def _angles(_: Model, m: Measurement) -> Iterator[Mistake]:
-    turned = np.array([1.0, -1.0])
     unbalance, bow = np.asarray(m.conditions.unbalance), np.asarray(m.conditions.bow)
     if not np.any(unbalance[..., 1]) and not np.any(bow[..., 1]):
         return
-
-    def corrected(model: Model, m: Measurement) -> Stated:
-        return model, _installed(m, np.asarray(m.conditions.unbalance) * turned, np.asarray(m.conditions.bow) * turned)
-
     meaning = "angles of weights were counted in the other sense than the rig file says"
     cure = "[convention] weight_angles: write the other of with-rotation and against-rotation"
-    yield Mistake("weight_angles_reversed", (), meaning, cure, corrected)
+    yield Mistake("weight_angles_reversed", (), meaning, cure, _with_other_angles)
 
 
 def _phase(_: Model, m: Measurement) -> Iterator[Mistake]:
-    if m.knowledge.amplitude is None:
-        return
-
-    def corrected(model: Model, m: Measurement) -> Stated:
-        return model, dataclasses.replace(m, vectors=np.conj(m.vectors))
-
-    if np.any(np.imag(m.vectors[m.present])):
+    if m.knowledge.amplitude is not None and np.any(np.imag(m.vectors[m.present])):
         meaning, cure = "phases lag where the rig file says lead, or the reverse", "[convention] phase: write the other"
-        yield Mistake("phase_sign_reversed", (), meaning, cure, corrected)
+        yield Mistake("phase_sign_reversed", (), meaning, cure, _with_other_phases)
 
 
 def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
@@ -210,12 +195,7 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
         # The rms value of a constant is the constant: with one measured, the table is not off by one factor.
         if 0.0 in m.orders and "rms" in (m.knowledge.amplitude, TRUE_AMPLITUDES.get(kind)):
             continue
-
-        def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
-            scale = as_array(np.asarray(float(model.probes.scale) * factor))
-            return dataclasses.replace(model, probes=dataclasses.replace(model.probes, scale=scale)), m
-
-        yield Mistake(kind, about, meaning, cure, corrected)
+        yield Mistake(kind, about, meaning, cure, partial(_read_in_scale, factor=factor))
 
 
 def _probes(model: Model, m: Measurement) -> Iterator[Mistake]:
@@ -224,24 +204,14 @@ def _probes(model: Model, m: Measurement) -> Iterator[Mistake]:
         order = np.arange(len(model.layout.probes))
         pair = [model.layout.probes.index(one), model.layout.probes.index(other)]
         order[pair] = order[pair[::-1]]
-
-        def exchanged(model: Model, m: Measurement, order: np.ndarray = order) -> Stated:
-            leaves = (as_array(np.asarray(part)[order]) for part in _parts(model))
-            return eqx.tree_at(_parts, model, tuple(leaves)), m
-
         about = (one, other) if len(model.layout.probes) > 2 else ()
         cure = f"[probes]: exchange the directions of {one} and {other}"
-        yield Mistake(
-            "probes_exchanged", about, f"the cables of probes {one} and {other} are exchanged", cure, exchanged
-        )
+        meaning = f"the cables of probes {one} and {other} are exchanged"
+        yield Mistake("probes_exchanged", about, meaning, cure, partial(_with_probes_in_order, order=order))
     for name in names:
-
-        def reversed_(model: Model, m: Measurement, name: str = name) -> Stated:
-            sign = np.where(np.array(model.layout.probes) == name, -1.0, 1.0)
-            return _with_participation(model, sign), m
-
         meaning = f"probe {name} has its sign reversed, or looks from the other side"
-        yield Mistake("probe_reversed", (name,), meaning, f"[probes] {name}: add 180 to angle_deg", reversed_)
+        cure = f"[probes] {name}: add 180 to angle_deg"
+        yield Mistake("probe_reversed", (name,), meaning, cure, partial(_with_probe_reversed, name=name))
 
 
 def _weight(model: Model, _: Measurement) -> Iterator[Mistake]:
@@ -257,22 +227,14 @@ def _weight(model: Model, _: Measurement) -> Iterator[Mistake]:
             "the other direction",
         ),
     ):
-
-        def corrected(model: Model, m: Measurement, factor: float = factor) -> Stated:
-            return _with_gravity(model, np.full(2, factor)), m
-
-        yield Mistake(kind, (), meaning, f"[rotor] gravity: write {cure}", corrected)
+        yield Mistake(kind, (), meaning, f"[rotor] gravity: write {cure}", partial(_with_weight, factor=factor))
 
 
 def _slow_roll(model: Model, _: Measurement) -> Iterator[Mistake]:
-    def corrected(model: Model, m: Measurement) -> Stated:
-        speed = None if model.slow_roll is not None else as_array(np.asarray(m.knowledge.slow_roll_rpm * RPM))
-        return dataclasses.replace(model, slow_roll=speed), m
-
     stated = model.slow_roll is not None
     meaning = "was not subtracted, as the rig file says" if stated else "was subtracted, as the rig file does not say"
     cure = f"[convention] slow_roll_subtracted: write {'false' if stated else 'true'}"
-    yield Mistake("slow_roll_subtracted", (), f"the slow-roll vector {meaning}", cure, corrected)
+    yield Mistake("slow_roll_subtracted", (), f"the slow-roll vector {meaning}", cure, _with_other_slow_roll)
 
 
 def _runs(_: Model, m: Measurement) -> Iterator[Mistake]:
@@ -286,24 +248,65 @@ def _runs(_: Model, m: Measurement) -> Iterator[Mistake]:
             ("trial_weight_absent", 0.0, "was not installed", "take unbalance out"),
             ("trial_weight_opposite", -1.0, "sat opposite to where the rig file says", "add 180 to angle_deg"),
         ):
-
-            def corrected(model: Model, m: Measurement, k: int = k, factor: float = factor) -> Stated:
-                there = np.where((m.run == k)[:, None, None], factor, 1.0)
-                return model, _installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
-
-            yield Mistake(kind, (run,), f"the weight of run {run} {meaning}", f"[runs.{run}]: {cure}", corrected)
+            right = partial(_with_weight_of_run, run=k, factor=factor)
+            yield Mistake(kind, (run,), f"the weight of run {run} {meaning}", f"[runs.{run}]: {cure}", right)
     for a, b in itertools.combinations(range(len(m.runs)), 2):
         if np.array_equal(unbalance[a], unbalance[b]) and np.array_equal(bow[a], bow[b]):
             continue
-
-        def exchanged(model: Model, m: Measurement, a: int = a, b: int = b) -> Stated:
-            of = m.run.copy()
-            of[m.run == a], of[m.run == b] = b, a
-            return model, _installed(m, unbalance[of], bow[of])
-
+        right = partial(_with_runs_exchanged, runs=(a, b), unbalance=unbalance, bow=bow)
         about = min(m.runs[a], m.runs[b]), max(m.runs[a], m.runs[b])
         cure = f"[runs]: exchange what {about[0]} and {about[1]} hold"
-        yield Mistake("runs_exchanged", about, f"runs {about[0]} and {about[1]} are exchanged", cure, exchanged)
+        yield Mistake("runs_exchanged", about, f"runs {about[0]} and {about[1]} are exchanged", cure, right)
+
+
+def _in_mirror(model: Model, m: Measurement) -> Stated:
+    mirrored = dataclasses.replace(model.probes, angle=as_array(-np.asarray(model.probes.angle)))
+    return dataclasses.replace(_with_gravity(model, np.array([1.0, -1.0])), probes=mirrored), m
+
+
+def _with_other_angles(model: Model, m: Measurement) -> Stated:
+    turned = np.array([1.0, -1.0])
+    return model, _installed(m, np.asarray(m.conditions.unbalance) * turned, np.asarray(m.conditions.bow) * turned)
+
+
+def _with_other_phases(model: Model, m: Measurement) -> Stated:
+    return model, dataclasses.replace(m, vectors=np.conj(m.vectors))
+
+
+def _read_in_scale(model: Model, m: Measurement, *, factor: float) -> Stated:
+    scale = as_array(np.asarray(float(model.probes.scale) * factor))
+    return dataclasses.replace(model, probes=dataclasses.replace(model.probes, scale=scale)), m
+
+
+def _with_probes_in_order(model: Model, m: Measurement, *, order: np.ndarray) -> Stated:
+    leaves = (as_array(np.asarray(part)[order]) for part in _parts(model))
+    return eqx.tree_at(_parts, model, tuple(leaves)), m
+
+
+def _with_probe_reversed(model: Model, m: Measurement, *, name: str) -> Stated:
+    return _with_participation(model, np.where(np.array(model.layout.probes) == name, -1.0, 1.0)), m
+
+
+def _with_weight(model: Model, m: Measurement, *, factor: float) -> Stated:
+    return _with_gravity(model, np.full(2, factor)), m
+
+
+def _with_other_slow_roll(model: Model, m: Measurement) -> Stated:
+    speed = None if model.slow_roll is not None else as_array(np.asarray(m.knowledge.slow_roll_rpm * RPM))
+    return dataclasses.replace(model, slow_roll=speed), m
+
+
+def _with_weight_of_run(model: Model, m: Measurement, *, run: int, factor: float) -> Stated:
+    there = np.where((m.run == run)[:, None, None], factor, 1.0)
+    return model, _installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
+
+
+def _with_runs_exchanged(
+    model: Model, m: Measurement, *, runs: tuple[int, int], unbalance: np.ndarray, bow: np.ndarray
+) -> Stated:
+    of = m.run.copy()
+    of[m.run == runs[0]], of[m.run == runs[1]] = runs[::-1]
+    return model, _installed(m, unbalance[of], bow[of])
 
 
 def _parts(model: Model) -> tuple:

@@ -18,6 +18,10 @@ Amplitude = Literal["peak", "peak-to-peak", "rms"]
 """How amplitudes are written in a table."""
 PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": 2.0**0.5}
 """Zero-to-peak amplitude of a sine for one unit of what is written."""
+COLUMN = {"amplitude_um_0pk": "amplitude_um", "phase_lead_deg": "phase_deg"}
+"""Columns of a data frame that state their convention -> those of a table, which a rig file states."""
+STATED = {"amplitude_um_0pk": ("amplitude", "peak"), "phase_lead_deg": ("phase", "lead")}
+"""What they state."""
 
 if TYPE_CHECKING:
     from rotorjax.data.rig import Rig
@@ -91,7 +95,7 @@ class Knowledge:
     """What the table's amplitudes are said to be; none where recordings were read, which no convention concerns."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Measurement(Shown):
     """Vibration vectors of a set of runs, dense over case x probe x order, with what was installed in each case."""
 
@@ -162,11 +166,15 @@ class Measurement(Shown):
 
     @classmethod
     def from_pandas(cls, frame: Any, rig: "Rig") -> "Measurement":
-        """A measurement from a data frame with the columns of a table, in the conventions of a ``rig``.
+        """A measurement from a data frame with the columns of a table, in the conventions of a ``rig``, or with those
+        of `to_pandas`, whose names state theirs: ``amplitude_um_0pk``, ``sigma_um`` likewise, and ``phase_lead_deg``.
 
         **Errors.** `InputError` as for a table; line 2 is the first row of the frame.
         """
-        return rig.measurement_of_text(frame.to_csv(index=False), "the data frame")
+        named = {name: stated for name, stated in STATED.items() if name in frame.columns}
+        rig = dataclasses.replace(rig, convention=dataclasses.replace(rig.convention, **dict(named.values())))
+        text = frame.rename(columns={name: COLUMN[name] for name in named}).to_csv(index=False)
+        return rig.measurement_of_text(text, "the data frame")
 
     def require_probes(self, probes: tuple[str, ...]) -> None:
         """``ValueError`` unless these, the model's, are the probes of the measurement, in the same order."""

@@ -3,6 +3,10 @@ one.
 """
 
 import unicodedata
+from collections.abc import Collection, Iterable
+from typing import TypeVar
+
+Name = TypeVar("Name", str, float, int)
 
 _NOT_SEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode categories of what moves, hides or turns text: controls (escape, carriage return, backspace), formats (zero
@@ -24,3 +28,17 @@ def harmless(text: str) -> str:
 
 def _escaped(character: str) -> str:
     return character.encode("unicode_escape", "surrogatepass").decode("ascii")
+
+
+def one_of(name: Name, known: Collection[Name], what: str) -> Name:
+    """The name itself. **Arguments:** ``what`` it is a name of. **Errors.** ``ValueError`` with the known ones if it is
+    not among them.
+    """
+    if name not in known:
+        raise ValueError(f"there is no {what} {name!r}; choose among {', '.join(map(str, known)) or 'none'}")
+    return name
+
+
+def several(names: str | Iterable[str]) -> tuple[str, ...]:
+    """Names that one gives as a collection, or a single one as it is."""
+    return (names,) if isinstance(names, str) else tuple(names)

@@ -120,7 +120,7 @@ class Rig:
             "    bow = { magnitude_mm = 0.0, angle_deg = 0.0 }"
         )
 
-    def write(self, path: Path, model: Model, mistake: Mistake | None = None) -> bool:
+    def write(self, path: str | Path, model: Model, mistake: Mistake | None = None) -> bool:
         """Write this rig file with the effects of another model, everything else as the user wrote it.
 
         **Arguments:** ``mistake``: what was written down wrongly, if anything, put right. **Returns** whether it could
@@ -135,7 +135,7 @@ class Rig:
                 effects.add(effect.name, _effect_table(effect, model.layout))
             document.add(tomlkit.nl())
             document.add("effects", effects)
-        write_whole(path, tomlkit.dumps(document).rstrip("\n") + "\n")
+        write_whole(Path(path), tomlkit.dumps(document).rstrip("\n") + "\n")
         return right
 
     def _with_other_orders(self, model: Model) -> Model:
@@ -154,10 +154,10 @@ class Rig:
                 wider = wider + effect.replaced(values)
         return wider
 
-    def write_measurement(self, path: Path, measurement: Measurement) -> None:
+    def write_measurement(self, path: str | Path, measurement: Measurement) -> None:
         """Write a measurement as a table in this rig file's conventions."""
         rows = [self.convention.to_table(row) for row in to_rows(measurement)]
-        write_table(path, rows)
+        write_table(Path(path), rows)
 
 
 def to_rows(measurement: Measurement) -> list[Row]:

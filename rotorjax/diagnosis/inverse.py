@@ -2,17 +2,20 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import several
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.least_squares import Solution, solve
 from rotorjax.diagnosis.separability import why_not_separable
 from rotorjax.effects import CATALOG
 from rotorjax.inference.faults import installed_faults, polar_covariance
 from rotorjax.inference.space import make_space
+from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
 
 
@@ -42,7 +45,9 @@ class Diagnosis:
     inherent: RunDiagnosis | None
 
 
-def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ...] = ()) -> Diagnosis:
+def diagnose(
+    model: Model | AbstractRotor, measurement: Measurement, *, reference: str | Iterable[str] = ()
+) -> Diagnosis:
     """Unbalance and bow of every run from its 1X vectors at all its speeds jointly, by weighted least squares.
 
     z - z_0 = J (U_x, U_y, s_x, s_y): the map is linear (Huang et al. 2026, Sensors 26:2565, equations 5-9). Found is
@@ -50,17 +55,19 @@ def diagnose(model: Model, measurement: Measurement, *, reference: tuple[str, ..
     fitted beside, one value for all runs, and widens the errors. Covariance from the joint normal equations, times
     the reduced chi-square where that exceeds one; with unknown noise the residual gives it.
 
-    **Arguments:** ``model`` of rotor and reading, its own faults not counted; ``measurement``; ``reference``: runs
-    whose installed faults are known, so that what is found beyond them is inherent to the rotor and taken off the
-    other runs. **Returns** a `Diagnosis`. **Errors.** ``ValueError`` in single precision, for a reference that is not
-    a run, or without 1X.
+    **Arguments:** ``model`` of rotor and reading, or a rotor alone, its own faults not counted; ``measurement``;
+    ``reference``: runs whose installed faults are known, so that what is found beyond them is inherent to the rotor and
+    taken off the other runs. **Returns** a `Diagnosis`. **Errors.** ``ValueError`` in single precision, for a reference
+    that is not a run, or without 1X.
     """
     require_float64("diagnose")
     if 1.0 not in measurement.orders:
         raise ValueError("the table holds no order 1: unbalance and bow show at 1X")
+    reference = several(reference)
     if missing := [run for run in reference if run not in measurement.runs]:
         raise ValueError(f"reference run {missing[0]!r} is not in the table, which has {', '.join(measurement.runs)}")
-    full = model.with_orders(measurement.orders).in_company(
+    whole = model if isinstance(model, Model) else Model(model)
+    full = whole.with_orders(measurement.orders).in_company(
         CATALOG[name] for name in {u.effect for u in measurement.knowledge.uncertain}
     )
     solutions, fitted = solve(make_space(full, measurement.knowledge), measurement)

@@ -40,7 +40,7 @@ class Cell(NamedTuple):
         return float(np.degrees(np.angle(self.predicted / self.measured))) if self.measured and self.predicted else None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Comparison(Shown):
     """Residuals of a model against a measurement."""
 

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
+from rotorjax.data.names import several
 from rotorjax.discovery.answers import Answer, MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
@@ -103,7 +104,8 @@ def _candidates(
     """Effects, and kinds of mistakes in what was written down, that may be the answer; ``ValueError`` for an unknown
     name.
     """
-    chosen, without = (*catalog, *(KINDS if with_mistakes else ())) if only is None else tuple(only), tuple(exclude)
+    every = (*catalog, *(KINDS if with_mistakes else ()))
+    chosen, without = every if only is None else several(only), several(exclude)
     if unknown := [name for name in (*chosen, *without) if name not in catalog and name not in KINDS]:
         raise ValueError(f"unknown effect {unknown[0]!r}; the catalogue has {', '.join((*catalog, *KINDS))}")
     allowed = [name for name in chosen if name not in without]
@@ -187,7 +189,7 @@ def _answer(
         noise=noise,
         contest=contest,
         max_effects=selection.most,
-        catalog=catalog,
+        catalog=dict(catalog),
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or 0, tuple(stages.untried)),
     )

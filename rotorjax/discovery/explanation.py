@@ -49,7 +49,7 @@ class Small(NamedTuple):
     why: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Explanation(Reported):
     """What `explain` found."""
 

@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import one_of, several
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
@@ -35,7 +36,7 @@ from rotorjax.inference.noise import (
     run_floor,
 )
 from rotorjax.inference.space import make_space
-from rotorjax.model.contract import Effect
+from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
 from rotorjax.shown import Shown
 from rotorjax.units import MICROMETRE
@@ -47,7 +48,7 @@ NOT_STEADY = (
 """What a fit says whose nonlinear forces were laid along the measured motion and no further."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Fit(Shown):
     """A fitted model, its parameters with standard errors, and how well it holds on data that it did not see."""
 
@@ -99,8 +100,9 @@ class Fit(Shown):
         return run_floor(self.stage.measurement, fitted, -self.residual).scatter
 
     def estimate(self, effect: str, label: str) -> Estimate:
-        """The estimate of one entry."""
-        return next(e for e in self.estimates if (e.entry.effect, e.entry.label) == (effect, label))
+        """The estimate of one entry. **Errors.** ``ValueError`` where it was not fitted."""
+        by_key = {e.entry.key: e for e in self.estimates}
+        return by_key[one_of(f"{effect}.{label}", by_key, "estimate")]
 
     def objections(self, names: Iterable[str]) -> tuple[str, ...]:
         """What speaks against the values of these effects, each by name."""
@@ -109,7 +111,13 @@ class Fit(Shown):
         return spoken if self.end.exact else (*spoken, NOT_STEADY)
 
 
-def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None = None, held_out: bool = True) -> Fit:
+def fit(
+    model: Model | AbstractRotor,
+    measurement: Measurement,
+    *,
+    free: str | Iterable[str] | None = None,
+    held_out: bool = True,
+) -> Fit:
     """Fit the parameters of a model's effects, with whatever the user declared uncertain.
 
     Minimises Σ |(z - z_model)/σ|² - 2 ln p(u), u the parameters in units of their prior scale (maximum a posteriori; p
@@ -119,16 +127,17 @@ def fit(model: Model, measurement: Measurement, *, free: tuple[str, ...] | None 
     between runs widens them; with fewer than four runs the clusters are single cases, which scatter between runs
     escapes. σ² is that of the table plus what the misfit demands: see `Fit.misfit`.
 
-    **Arguments:** ``model``; ``measurement``; ``free``: names of the effects to fit, by default all that the model
-    has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
+    **Arguments:** ``model``, or a rotor alone; ``measurement``; ``free``: names of the effects to fit, by default all
+    that the model has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
     **Returns** a `Fit`, whose ``converged`` and ``result`` say how it ended.
     **Errors.** ``ValueError`` in single precision, or for a name that the model lacks; `InputError` where nothing is
     finite.
     """
-    names = tuple(e.name for e in model.effects) if free is None else free
-    if missing := [name for name in names if name not in model]:
+    full = model if isinstance(model, Model) else Model(model)
+    names = tuple(e.name for e in full.effects) if free is None else several(free)
+    if missing := [name for name in names if name not in full]:
         raise ValueError(f"the model has no {missing[0]!r} to fit; add it first: model + effect")
-    fitted = _finite(_fit(_stage(model, model, measurement, names, frozenset())))
+    fitted = _finite(_fit(_stage(full, full, measurement, names, frozenset())))
     return cross_validated(fitted) if held_out else fitted
 
 
@@ -163,19 +172,25 @@ def fit_trials(
 
 
 def fit_steps(
-    model: Model, additions: list[Effect], measurement: Measurement, *, fixed: frozenset[str] = frozenset()
+    model: Model | AbstractRotor,
+    additions: list[Effect],
+    measurement: Measurement,
+    *,
+    fixed: frozenset[str] = frozenset(),
 ) -> list[Fit]:
     """Fit a model as effects are added one after the other: the error step by step, compiled once.
 
-    **Arguments:** ``model`` to begin with, its own effects keeping their values; ``additions``: effects in the order
-    of adding; ``fixed``: entries of theirs ("probe_angle.angle_rad.X") that keep the value with which they come.
+    **Arguments:** ``model`` to begin with, or a rotor alone, its own effects keeping their values; ``additions``:
+    effects in the order of adding; ``fixed``: entries of theirs ("probe_angle.angle_rad.X") that keep the value with
+    which they come.
     **Returns** one `Fit` per step, the first without any addition. Errors as for `fit`.
     """
-    everything = model.plus(additions)
+    full = model if isinstance(model, Model) else Model(model)
+    everything = full.plus(additions)
     fits = []
     for count in range(len(additions) + 1):
         names = tuple(dict.fromkeys(effect.name for effect in additions[:count]))
-        stage = _stage(model.plus(additions[:count]), everything, measurement, names, fixed)
+        stage = _stage(full.plus(additions[:count]), everything, measurement, names, fixed)
         fits.append(cross_validated(_finite(_fit(stage))))
     return fits
 

@@ -15,7 +15,7 @@ from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
 from rotorjax.discovery.rivals import Rival, rivals
 from rotorjax.effects.structure import DampingError
-from rotorjax.model.contract import Effect
+from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
 from rotorjax.physics.response import response
 from rotorjax.physics.stability import steadiness
@@ -27,7 +27,7 @@ CORRELATED = 0.95
 """Correlation of two estimates above which the data fix a combination of them only."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Story(Reported):
     """A model compared as declared, and after every effect added."""
 
@@ -116,7 +116,7 @@ class Story(Reported):
 
 
 def tell(
-    model: Model,
+    model: Model | AbstractRotor,
     measurement: Measurement,
     additions: list[Effect],
     *,
@@ -125,10 +125,11 @@ def tell(
 ) -> Story:
     """Compare a model as it is; then add effects one after the other, fitting what is not fixed, and compare again.
 
-    **Arguments:** ``additions`` in the order of adding; ``fixed``: entries of theirs that keep their value;
-    ``mistake``: what is taken to be written down wrongly (`rotorjax.data.declarations.mistakes`), put right before
-    anything is added.
+    **Arguments:** ``model``, or a rotor alone; ``additions`` in the order of adding; ``fixed``: entries of theirs that
+    keep their value; ``mistake``: what is taken to be written down wrongly (`rotorjax.data.declarations.mistakes`), put
+    right before anything is added.
     """
+    model = model if isinstance(model, Model) else Model(model)
     names = tuple(effect.name for effect in additions)
     if not additions and mistake is None:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())

@@ -3,15 +3,23 @@
 import contextlib
 import math
 from collections.abc import Callable, Iterator
+from typing import Any
+
+
+def unwatched(_: int) -> None:
+    """Do nothing with what is spent."""
 
 
 class Budget:
     """Single cases linearised so far, and how many may be. **Arguments:** ``watch``: called with the count whenever it
-    grows.
+    grows; a copy, or one that was saved, has none.
     """
 
-    def __init__(self, limit: int | None = None, *, watch: Callable[[int], None] = lambda _: None) -> None:
+    def __init__(self, limit: int | None = None, *, watch: Callable[[int], None] = unwatched) -> None:
         self.limit, self.spent, self._watch, self._reserved = limit, 0, watch, 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_watch": unwatched}
 
     def spend(self, count: int) -> None:
         """Add to what is spent."""

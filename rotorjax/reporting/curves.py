@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import one_of
 from rotorjax.discovery.fit import Fit
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.prediction import predict
@@ -113,7 +114,7 @@ def fitted_curves(fitted: Fit, run: str) -> Curves:
 
 
 def _conditions(m: Measurement, run: str, speeds: Float[np.ndarray, "speed"]) -> Conditions:
-    cases = np.flatnonzero(m.run == m.runs.index(run))
+    cases = np.flatnonzero(m.run == m.runs.index(one_of(run, m.runs, "run")))
     cases = cases[np.argsort(m.speed_rpm[cases])]
     at = m.conditions
     sweep = np.interp(speeds, m.speed_rpm[cases], at.sweeps[cases] / RPM) if at.sweep is not None else None

@@ -5,24 +5,34 @@ from typing import Any
 
 import numpy as np
 
-from rotorjax.data.measurement import Measurement
+from rotorjax.data.measurement import COLUMN, Measurement
 from rotorjax.data.rig import to_rows
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
+from rotorjax.model.model import Model
 from rotorjax.reporting.comparison import step_labels, steps
-from rotorjax.units import MICROMETRE
+from rotorjax.units import MICROMETRE, RPM, unit_of
 
 
 def frame(result: Any) -> Any:
     """A result as a data frame.
 
-    A measurement has a row per vector, as in a table; a comparison a row per vector with its prediction, the worst
-    first; a fit a row per parameter; a story a row per step; an explanation a row per candidate of every step.
+    A measurement has a row per vector, as in a table, but zero-to-peak with leading phase whatever the rig file says,
+    as the names of its columns state; a comparison a row per vector with its prediction, the worst first; a fit a row
+    per parameter; a story a row per step; an explanation a row per candidate of every step; a model a row per number of
+    its rotor and effects.
     **Errors.** ``ImportError`` where pandas is not installed, ``TypeError`` for what has no rows.
     """
-    makers = {Measurement: _vectors, Comparison: _cells, Fit: _parameters, Story: _steps, Explanation: _candidates}
+    makers = {
+        Measurement: _vectors,
+        Comparison: _cells,
+        Fit: _parameters,
+        Story: _steps,
+        Explanation: _candidates,
+        Model: _parts,
+    }
     for kind, make in makers.items():
         if isinstance(result, kind):
             return _pandas().DataFrame(make(result))
@@ -37,7 +47,11 @@ def _pandas() -> Any:
 
 
 def _vectors(m: Measurement) -> list[dict[str, Any]]:
-    return [row._asdict() for row in to_rows(m)]
+    stated = {column: name for name, column in COLUMN.items()}
+    return [
+        {stated.get(name, name): value for name, value in row._asdict().items() if value is not None}
+        for row in to_rows(m)
+    ]
 
 
 def _cells(view: Comparison) -> list[dict[str, Any]]:
@@ -92,3 +106,23 @@ def _candidates(found: Explanation) -> list[dict[str, Any]]:
         for step, ranking in enumerate(found.rankings)
         for ranked in ranking
     ]
+
+
+def _parts(model: Model) -> list[dict[str, Any]]:
+    return [dict(zip(("part", "parameter", "value", "unit"), row, strict=True)) for row in parts_of(model)]
+
+
+def parts_of(model: Model) -> list[tuple[str, str, float, str]]:
+    """Numbers of a model's rotor and effects: part, parameter, value and unit, as people read them."""
+    rotor = model.rotor
+    nominal = np.sqrt(np.asarray(rotor.stiffness) / float(rotor.mass)) / RPM
+    rows = [("rotor", "mass", float(rotor.mass), "kg")]
+    for what, pair, unit in (("stiffness", rotor.stiffness, "N/m"), ("natural frequency", nominal, "rpm")):
+        rows += [("rotor", f"{what} {axis}", float(v), unit) for axis, v in zip("xy", np.asarray(pair), strict=True)]
+    for effect in model.effects:
+        labels = [label for p in effect.parameters() for label in p.labels(model.layout)]
+        values = [float(v) for value in effect.values() for v in np.asarray(value).ravel()]
+        for label, value in zip(labels, values, strict=True):
+            unit = unit_of(label.split(".")[0])
+            rows.append((effect.name, label, value / unit.factor, unit.shown))
+    return rows

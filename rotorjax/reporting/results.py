@@ -28,10 +28,11 @@ from rotorjax.reporting.comparison import (
     worst_cells,
 )
 from rotorjax.reporting.explanation import explanation_page, explanation_text, headline
+from rotorjax.reporting.frames import parts_of
 from rotorjax.reporting.page import Headline, html_report
 from rotorjax.reporting.pictures.recorded import recorded_pictures
 from rotorjax.reporting.tables import Table, number
-from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM, unit_of
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 COLOURS = {"explained": "#23703f", "nothing missing": "#23703f", "undecided": "#9a6100", "unexplained": "#ab2b2b"}
 """Of a verdict, as in the report."""
@@ -146,23 +147,8 @@ def _runs(m: Measurement) -> Table:
 
 def _effects(model: Model) -> Table:
     """Rotor and effects of a model, in the units that people read."""
-    rotor = model.rotor
-    nominal = np.sqrt(np.asarray(rotor.stiffness) / float(rotor.mass)) / RPM
     rows = [
-        ["rotor", "mass", number(float(rotor.mass)), "kg"],
-        *(
-            ["rotor", f"stiffness {axis}", number(float(k)), "N/m"]
-            for axis, k in zip("xy", np.asarray(rotor.stiffness), strict=True)
-        ),
-        *(
-            ["rotor", f"natural frequency {axis}", number(float(n), 4), "rpm"]
-            for axis, n in zip("xy", nominal, strict=True)
-        ),
+        [part, name, number(value, 4) if name.startswith("natural frequency") else number(value), unit]
+        for part, name, value, unit in parts_of(model)
     ]
-    for effect in model.effects:
-        labels = [label for p in effect.parameters() for label in p.labels(model.layout)]
-        values = [float(v) for value in effect.values() for v in np.asarray(value).ravel()]
-        for label, value in zip(labels, values, strict=True):
-            unit = unit_of(label.split(".")[0])
-            rows.append([effect.name, label, number(value / unit.factor), unit.shown])
     return Table("Rotor and effects", ["part", "parameter", "value", "unit"], rows)

@@ -5,11 +5,14 @@ import ast
 import importlib.util
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import rotorjax
 from rotorjax.cli import _parser
+from rotorjax.data.example import write_example
 from rotorjax.data.rig import _SECTIONS
 from rotorjax.data.table import OPTIONAL, REQUIRED
 from rotorjax.effects import CATALOG
@@ -72,3 +75,28 @@ def test_every_page_is_in_the_navigation():
 def test_python_on_the_pages_can_be_parsed(page: Path):
     for block in re.findall(r"^```python[^\n]*\n(.*?)^```$", page.read_text(encoding="utf-8"), re.M | re.S):
         ast.parse(block)
+
+
+def test_an_effect_of_ones_own_runs_as_written(tmp_path, monkeypatch):
+    write_example(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    searched = []
+
+    def answer(model, measurement, *, catalog=CATALOG):
+        """What is searched and fitted takes minutes, and is tested elsewhere."""
+        searched.append((model, catalog))
+        return SimpleNamespace(model=rig.model + names["MagneticPull"](1e3))
+
+    rig = rotorjax.read_rig("rig.toml")
+    monkeypatch.setattr(rotorjax, "explain", answer)
+    monkeypatch.setattr(rotorjax, "fit", answer)
+    for block in re.findall(r"^```python\n(.*?)^```$", text("own_effect.md"), re.M | re.S):
+        exec(block, names)
+    assert len(searched) == 2
+    again = rotorjax.read_rig("fitted.toml", catalog=names["catalog"])
+    assert float(again.model.find("magnetic_pull").pull_n_per_m) == 1e3
+    upright = rotorjax.Jeffcott(0.97, [56500.0, 51300.0], 0.02)
+    at = rotorjax.Conditions.at_rpm([900.0, 2000.0], unbalance=[1e-8, 0.0])
+    full, linear = (rotorjax.response(upright + names[n](1e3), at) for n in ("MagneticPull", "SmallPull"))
+    np.testing.assert_allclose(full, linear, rtol=1e-3)

@@ -1,9 +1,12 @@
 """Results that can be held: summary, report, pictures by name, HTML for notebooks. Hostile names stay harmless."""
 
+import copy
 import dataclasses
+import pickle
 import re
 
 import numpy as np
+import pandas
 import pytest
 
 from rotorjax import (
@@ -13,13 +16,17 @@ from rotorjax import (
     Layout,
     Measurement,
     Model,
+    diagnose,
     effects,
     explain,
+    fit,
+    fit_steps,
     read_measurement,
     read_rig,
     response,
     tell,
 )  # fmt: skip
+from rotorjax.data.declarations import mistakes
 from rotorjax.data.example import write_example
 from rotorjax.reporting.curves import Curve, fitted_curves
 
@@ -47,6 +54,15 @@ def found(measured):
 @pytest.fixture(scope="module")
 def story(measured):
     return tell(*measured, [effects.ResidualUnbalance()])
+
+
+def test_a_rotor_alone_is_fitted_told_and_diagnosed(measured):
+    (model, m), rotor = measured, measured[0].rotor
+    assert fit(rotor, m, held_out=False).model.summary() == fit(model, m, held_out=False).model.summary()
+    assert len(fit_steps(rotor, [], m)) == 1
+    assert tell(rotor, m, []).summary() == tell(model, m, []).summary()
+    for mine, same in zip(diagnose(rotor, m).runs, diagnose(model, m).runs, strict=True):
+        np.testing.assert_array_equal(mine.unbalance.pair, same.unbalance.pair)
 
 
 def test_from_arrays_fills_in_what_is_usual(measured):
@@ -99,6 +115,37 @@ def test_reports_are_written_where_asked(found, story, tmp_path):
         assert "<script" not in text
 
 
+@pytest.mark.parametrize("again", [lambda kept: pickle.loads(pickle.dumps(kept)), copy.deepcopy])
+def test_results_can_be_saved_and_copied(found, story, measured, again):
+    for result in (found, story, story.fits[-1], story.declared, *measured):
+        assert again(result).summary() == result.summary()
+    kept = again(found)
+    assert kept.catalog == found.catalog
+    assert kept.cost == found.cost
+    assert repr(kept) == repr(found)
+    assert kept.plot.amplitude().has_data()
+
+
+def test_mistakes_can_be_saved(tmp_path):
+    write_example(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    stated = rig.model, read_measurement(tmp_path / "measurement.csv", rig)
+    every = mistakes(*stated)
+    for kept, mistake in zip(pickle.loads(pickle.dumps(every)), every, strict=True):
+        assert kept.name == mistake.name
+        (model, m), (same, alike) = kept.put_right(*stated), mistake.put_right(*stated)
+        assert model.summary() == same.summary()
+        np.testing.assert_array_equal(m.conditions.unbalance, alike.conditions.unbalance)
+
+
+def test_results_are_told_apart_as_objects(found, story, measured):
+    results = [found, story, story.fits[-1], story.declared, measured[1]]
+    assert len({*results, *results}) == 5
+    for result in results:
+        assert result in results
+        assert result != copy.copy(result)
+
+
 @pytest.mark.parametrize("name", ["error", "amplitude", "polar", "residuals", "correlations"])
 def test_pictures_have_labels_and_are_drawn_where_asked(found, story, name):
     for result in (found, story):
@@ -112,8 +159,36 @@ def test_probabilities_name_effects_and_none(found, story):
     labels = [label.get_text() for label in found.plot.probabilities().get_yticklabels()]
     assert labels[0] == "residual_unbalance"
     assert "none" in labels
+    assert found.plot.probabilities(step=-1).has_data()
     with pytest.raises(ValueError, match="explain finds that"):
         story.plot.probabilities()
+
+
+def test_unknown_names_are_answered_with_those_there_are(found, story, measured):
+    for ask, message in (
+        (lambda: found.plot.amplitude(run="foo"), "no run 'foo'; choose among <script>, trial"),
+        (lambda: found.plot.amplitude(probe="Z"), "no probe 'Z'; choose among X, Y"),
+        (lambda: found.plot.amplitude(order=2.0), "no order 2.0; choose among 1.0"),
+        (lambda: found.plot.polar(probe="Z"), "no probe 'Z'"),
+        (lambda: found.plot.orbit(run="foo"), "no run 'foo'"),
+        (lambda: found.plot.orbit(probes=("X", "Z")), "no probe 'Z'"),
+        (lambda: found.plot.orbit(probes=("X", "X")), "needs two probes"),
+        (lambda: found.plot.probabilities(step=9), r"no step 9; choose among 0"),
+        (lambda: story.fits[-1].estimate("residual_unbalance", "foo"), r"'residual_unbalance.foo'; choose among .*_x_"),
+        (lambda: diagnose(*measured, reference="foo"), "reference run 'foo' is not in the table"),
+        (lambda: fit(*measured, free="foo"), "has no 'foo' to fit"),
+        (lambda: explain(*measured, only="foo"), "unknown effect 'foo'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ask()
+
+
+def test_one_name_stands_for_a_collection_of_it(measured):
+    model, m = measured
+    assert diagnose(model, m, reference="trial") is not None
+    fitted = fit(model + effects.ResidualUnbalance(), m, free="residual_unbalance", held_out=False)
+    assert fitted.free == ("residual_unbalance",)
+    assert fitted.estimate("residual_unbalance", "unbalance_x_kg_m").value == pytest.approx(5.8e-6, rel=0.1)
 
 
 def test_what_was_not_looked_into_is_said(found):
@@ -165,7 +240,7 @@ def test_phases_are_shown_in_the_turn_in_which_they_are_nearest():
 
 def test_data_frames_hold_what_the_tables_say(found, story, measured):
     vectors = measured[1].to_pandas()
-    assert list(vectors.columns[:6]) == ["run", "speed_rpm", "probe", "order", "amplitude_um", "phase_deg"]
+    assert list(vectors.columns[:6]) == ["run", "speed_rpm", "probe", "order", "amplitude_um_0pk", "phase_lead_deg"]
     assert len(vectors) == measured[1].present.sum()
     parameters = story.fits[-1].to_pandas().set_index("parameter")
     assert parameters.loc["unbalance_x_kg_m", "unit"] == "g mm"
@@ -177,17 +252,38 @@ def test_data_frames_hold_what_the_tables_say(found, story, measured):
     first = ranking[ranking["step"] == 0]
     assert first["probability"].sum() == pytest.approx(1.0)
     assert first["effect"].iloc[0] == "residual_unbalance"
-    with pytest.raises(TypeError, match="Model has no rows"):
-        measured[0].to_pandas()
+    numbers = (measured[0] + effects.ResidualUnbalance(5.8e-6, 0.0)).to_pandas().set_index("parameter")
+    assert numbers.loc["stiffness x", "value"] == 5e4
+    assert numbers.loc["unbalance_x_kg_m", ["part", "unit"]].to_list() == ["residual_unbalance", "g mm"]
+    assert numbers.loc["unbalance_x_kg_m", "value"] == pytest.approx(5.8)
+
+
+@pytest.mark.parametrize(("amplitude", "phase"), [("peak", "lead"), ("peak-to-peak", "lag"), ("rms", "lead")])
+def test_a_data_frame_keeps_the_vectors_whatever_the_rig_file_states(tmp_path, amplitude, phase):
+    write_example(tmp_path)
+    path = tmp_path / "rig.toml"
+    path.write_text(path.read_text().replace('"peak"', f'"{amplitude}"').replace('"lead"', f'"{phase}"'))
+    rig = read_rig(path)
+    assert (rig.convention.amplitude, rig.convention.phase) == (amplitude, phase)
+    measurement = read_measurement(tmp_path / "measurement.csv", rig)
+    frames = measurement.to_pandas(), pandas.read_csv(tmp_path / "measurement.csv")
+    for frame in (*frames, frames[0].assign(phase_deg=frames[1]["phase_deg"]).drop(columns="phase_lead_deg")):
+        again = Measurement.from_pandas(frame, rig)
+        np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-12)
+        np.testing.assert_allclose(again.sigma, measurement.sigma)
+        assert again.runs == measurement.runs
+    quiet = dataclasses.replace(measurement, sigma=None)
+    assert Measurement.from_pandas(quiet.to_pandas(), rig).sigma is None
 
 
 def test_a_data_frame_is_read_as_a_table_is(tmp_path):
     write_example(tmp_path)
     rig = read_rig(tmp_path / "rig.toml")
     measurement = read_measurement(tmp_path / "measurement.csv", rig)
-    again = Measurement.from_pandas(measurement.to_pandas(), rig)
-    np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-15)
-    assert again.runs == measurement.runs
+    rig.write_measurement(str(tmp_path / "again.csv"), measurement)
+    assert rig.write(str(tmp_path / "again.toml"), rig.model)
+    again = read_measurement(tmp_path / "again.csv", read_rig(tmp_path / "again.toml"))
+    np.testing.assert_allclose(again.vectors, measurement.vectors, atol=1e-13)
     frame = measurement.to_pandas().assign(run=lambda f: f["run"].replace("trial-a", "trial-c"))
     with pytest.raises(InputError, match=r"data frame:\d+: run 'trial-c' is not in"):
         Measurement.from_pandas(frame, rig)

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from rotorjax.data.names import one_of, several
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.story import Story
 from rotorjax.reporting import plots
@@ -15,10 +16,13 @@ from rotorjax.reporting.pictures.orbits import (
     the_case,
     the_pair,
 )
-from rotorjax.reporting.pictures.views import draw_before_after, draw_fall, first_order, shown_runs
+from rotorjax.reporting.pictures.views import draw_before_after, draw_fall, shown_runs, the_reading
 
 MOST_SHOWN = 6
 """Effects in a picture of probabilities."""
+AXES = ("x", "y")
+OVER = ("displacement", "velocity", "angle")
+"""Along what a missing force is drawn, and over what."""
 
 
 class Plots:
@@ -47,13 +51,8 @@ class Plots:
         was added.
         """
         m, view = self._story.measurement, self._story.declared if declared else self._story.last
-        axes = plots.polar(
-            ax or _new(4.6, 4.4),
-            view,
-            probe=probe or m.probes_read[-1],
-            order=first_order(m) if order is None else order,
-            runs=shown_runs(view),
-        )
+        probe, order = the_reading(m, probe, order)
+        axes = plots.polar(ax or _new(4.6, 4.4), view, probe=probe, order=order, runs=shown_runs(view))
         axes.legend(fontsize=8)
         return axes
 
@@ -106,7 +105,7 @@ class Plots:
         origin. **Errors.** ``ValueError`` where 0X was not measured by two probes in one plane.
         """
         view, pair = self._story.last, the_pair(self._story, probes)
-        lines = centrelines(view, self._story.final_model, pair, shown_runs(view) if runs is None else runs)
+        lines = centrelines(view, self._story.final_model, pair, shown_runs(view) if runs is None else several(runs))
         if not lines:
             raise ValueError("no mean position to show: 0X was not measured by both probes; add order 0 to the table")
         return plots.centreline(ax or _new(5.2, 4.8), lines, clearance_um=clearance_um)
@@ -121,8 +120,11 @@ class Plots:
         return draw_campbell(ax or _new(6.2, 4.0), self._story, found)
 
     def probabilities(self, ax: Axes | None = None, *, step: int = 0) -> Axes:
-        """What would be added at a step, 0 the first, "none" among it."""
-        ranked = self._explanation("probabilities").rankings[step][:MOST_SHOWN]
+        """What would be added at a step, 0 the first, -1 the last, "none" among it."""
+        rankings = self._explanation("probabilities").rankings
+        ranked = rankings[one_of(step if step >= 0 else len(rankings) + step, range(len(rankings)), "step")][
+            :MOST_SHOWN
+        ]
         return plots.probabilities(ax or _new(5.6, 2.6), [r.effect for r in ranked], [r.probability for r in ranked])
 
     def missing_force(self, ax: Axes | None = None, *, axis: str = "x", over: str = "displacement") -> Axes:
@@ -134,7 +136,9 @@ class Plots:
             raise ValueError(
                 f"no missing force to show: {'it was not looked into' if named is None else named.force.reason}"
             )
-        return plots.missing_force(ax or _new(5.6, 3.4), named.force, over=over, dof="xy".index(axis))  # pyright: ignore
+        dof = AXES.index(one_of(axis, AXES, "axis"))
+        one_of(over, OVER, "quantity to draw it over")
+        return plots.missing_force(ax or _new(5.6, 3.4), named.force, over=over, dof=dof)  # pyright: ignore
 
     def correlations(self, ax: Axes | None = None) -> Axes:
         """Correlations of the parameters fitted last. **Errors.** ``ValueError`` where nothing was fitted."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from rotorjax.data.names import one_of
 from rotorjax.diagnosis.natural_frequencies import NaturalFrequencies, natural_frequencies
 from rotorjax.diagnosis.orbits import Centreline, Orbit, Pair, mean_position, probe_pairs
 from rotorjax.discovery.compare import Comparison
@@ -47,7 +48,10 @@ def the_pair(story: Story, probes: tuple[str, str] | None) -> Pair:
     """The pair of these names, or the first. **Errors.** ``ValueError`` where there is none."""
     m, found = story.last.measurement, pairs_read(story)
     if probes is not None:
-        return m.probes.index(probes[0]), m.probes.index(probes[1])
+        if len({*probes}) != 2 or len(probes) != 2:
+            raise ValueError(f"an orbit needs two probes, not {', '.join(probes) or 'none'}")
+        one, other = (m.probes.index(one_of(probe, m.probes, "probe")) for probe in probes)
+        return one, other
     if not found:
         raise ValueError("no two probes were read that see the shaft in one plane, at least 30° apart")
     return found[0]
@@ -97,7 +101,7 @@ def the_case(story: Story, pair: Pair, run: str | None, speed_rpm: float | None)
     m = view.measurement
     seen = np.any(view.present[:, both].all(axis=1) & (np.array(m.orders) > 0.0), axis=1)
     if run is not None:
-        seen = seen & (m.run == m.runs.index(run))
+        seen = seen & (m.run == m.runs.index(one_of(run, m.runs, "run")))
     if not seen.any():
         raise ValueError("no reading of both probes at one order: choose another run or other probes")
     cases = np.flatnonzero(seen)
@@ -113,7 +117,8 @@ def centrelines(view: Comparison, model: Model, pair: Pair, runs: Sequence[str])
         return found
     k, angle = m.orders.index(0.0), np.asarray(model.probes.angle)[both]
     for run in runs:
-        cases = np.flatnonzero((m.run == m.runs.index(run)) & view.present[:, both, k].all(axis=1))
+        same = m.run == m.runs.index(one_of(run, m.runs, "run"))
+        cases = np.flatnonzero(same & view.present[:, both, k].all(axis=1))
         if len(cases):
             measured, predicted = (mean_position(z[cases][:, both, k], angle) for z in (view.measured, view.predicted))
             found[run] = Centreline(m.speed_rpm[cases], measured, predicted)

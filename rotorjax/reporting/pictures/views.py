@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.names import one_of
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.story import Story
 from rotorjax.reporting import plots
@@ -52,6 +53,14 @@ def first_order(m: Measurement) -> float:
     return 1.0 if 1.0 in m.orders else m.orders[0]
 
 
+def the_reading(m: Measurement, probe: str | None, order: float | None) -> tuple[str, float]:
+    """A probe, by default the last that was read, and an order, by default 1X. **Errors.** ``ValueError`` where the
+    measurement lacks them.
+    """
+    probe, order = m.probes_read[-1] if probe is None else probe, first_order(m) if order is None else order
+    return one_of(probe, m.probes_read, "probe"), one_of(order, m.orders, "order")
+
+
 def draw_before_after(
     axes: Axes, story: Story, *, run: str | None = None, probe: str | None = None, order: float | None = None
 ) -> Axes:
@@ -59,7 +68,7 @@ def draw_before_after(
     vibration: measured, as declared, and with what was added.
     """
     m = story.measurement
-    probe, order = probe or m.probes_read[-1], first_order(m) if order is None else order
+    probe, order = the_reading(m, probe, order)
     read = m.present[:, m.probes.index(probe), m.orders.index(order)]
     run = run or max(runs_by_size(m), key=lambda name: int(read[m.run == m.runs.index(name)].sum()))
     curves = {"as declared": declared_curves(story.model, m, run)} if has_before(story) else {}
