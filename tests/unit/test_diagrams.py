@@ -273,3 +273,37 @@ def test_every_diagram_has_a_caption_and_draws_where_asked(record):
         assert axes.get_xlabel()
         assert axes.get_ylabel()
         axes.figure.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("rms_um", "held_out_um", "noise_um", "drawn"),
+    [
+        ([0.52, 0.36], [None, 13.45], 0.42, [0.52, 0.36]),
+        ([0.3, 0.3], [None, 0.4], 7.07, [0.3, 0.3]),
+        ([48.7, 2e-14], [None, 0.0], None, [48.7, 4.87]),
+        ([0.0, 0.0], [None, 0.0], 0.42, [0.042, 0.042]),
+        ([0.0, 0.0], [None, 0.0], None, [0.0, 0.0]),
+    ],
+)
+def test_the_error_picture_holds_all_that_it_names(rms_um, held_out_um, noise_um, drawn):
+    (axes,) = plots.figure(5.6, 3.2)[1]
+    plots.error_fall(axes, ["as declared", "+ bow"], rms_um, held_out_um, noise_um=noise_um)
+    low, high = axes.get_ylim()
+    for line in axes.lines:
+        assert np.all((low < line.get_ydata()) & (line.get_ydata() < high)), line.get_label()
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), drawn)
+    words = [text.get_text() for text in axes.texts]
+    assert [word == "0" for word in words] == [value < 1e-9 for value in rms_um]
+
+
+@pytest.mark.filterwarnings("error")
+def test_vectors_of_zero_are_seen():
+    conditions = Conditions.at_rpm(SPEEDS, unbalance=(0.0, 0.0))
+    measurement = Measurement.from_arrays(np.zeros((len(SPEEDS), 2, 1), complex), conditions, sigma=3e-7)
+    found = tell(Model(Jeffcott(1.0, 5e4, 0.02)), measurement, [effects.ResidualUnbalance()])
+    axes = found.plot.amplitude()
+    (dots,) = (line for line in axes.lines if line.get_label() == "measured")
+    assert axes.get_yscale() == "linear"
+    assert axes.get_ylim()[0] < 0.0
+    np.testing.assert_array_equal(dots.get_ydata(), 0.0)
+    assert "Adding residual unbalance does not help: 0.00 µm rms remain." in found.summary()

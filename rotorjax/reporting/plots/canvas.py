@@ -46,7 +46,12 @@ def plain(name: str) -> str:
 
 
 def logarithmic(axes: Axes) -> None:
-    """A logarithmic axis of amplitudes with numbers as people write them, more of them where it spans little."""
+    """A logarithmic axis of amplitudes with numbers as people write them, more of them where it spans little; linear
+    where nothing is above zero.
+    """
+    if not np.isfinite(axes.dataLim.minposy):
+        axes.set_ylim(-0.05, 1.0)
+        return
     axes.set_yscale("log")
     low, high = axes.get_ylim()
     if high < 4.0 * low:
