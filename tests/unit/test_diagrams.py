@@ -6,13 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, Probes, effects, response, tell
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, Probes, compare, effects, response, tell
 from rotorjax.data.spectra import full_spectrum, spectra
 from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
 from rotorjax.diagnosis.lateral import SpeedRange, stability
 from rotorjax.diagnosis.natural_frequencies import natural_frequencies
 from rotorjax.diagnosis.orbits import Centreline, Orbit, probe_pairs, recorded_orbit
 from rotorjax.reporting import plots
+from rotorjax.reporting.curves import Curve
 from rotorjax.reporting.pictures import story_pictures
 from rotorjax.reporting.pictures.orbits import orbit_cases
 
@@ -307,3 +308,23 @@ def test_vectors_of_zero_are_seen():
     assert axes.get_ylim()[0] < 0.0
     np.testing.assert_array_equal(dots.get_ydata(), 0.0)
     assert "Adding residual unbalance does not help: 0.00 µm rms remain." in found.summary()
+
+
+def test_no_run_vanishes_for_want_of_colours():
+    runs = tuple("ABCDEFGH")
+    conditions = Conditions.at_rpm(np.tile(SPEEDS, 8))
+    z = np.arange(1, 97).reshape(48, 2, 1) * (1e-6 + 1e-6j)
+    measurement = Measurement.from_arrays(z, conditions, run=np.repeat(np.arange(8), 6), runs=runs)
+    axes = [plots.figure(5.0, 4.0)[1][0] for _ in range(4)]
+    view = compare(Model(Jeffcott(1.0, 5e4, 0.02)), measurement)
+    plots.polar(axes[0], view, probe="Y", order=1.0, runs=runs)
+    curve = Curve(SPEEDS, np.ones(6) * (1e-6 + 0j))
+    plots.bode(axes[1], plots.figure(5.0, 4.0)[1][0], view, dict.fromkeys(runs, curve), probe="Y", order=1.0)
+    place = Centreline(SPEEDS, np.stack([SPEEDS, -SPEEDS], axis=1) * 1e-8)
+    plots.centreline(axes[2], dict.fromkeys((f"machine 7, overhaul {run}" for run in runs), place))
+    plots.convergence(axes[3], {run: np.array([1.0, 0.1]) for run in runs}, tolerance=0.01)
+    for each in axes:
+        seen = {(line.get_color(), line.get_marker()) for line in each.lines if line.get_marker() not in ("None", "x")}
+        assert len(seen) >= 8
+    axes[2].figure.canvas.draw()
+    assert axes[2].get_window_extent().width > 0.5 * axes[2].figure.bbox.width

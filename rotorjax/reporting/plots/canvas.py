@@ -2,6 +2,8 @@
 
 import io
 import warnings
+from collections.abc import Iterator
+from itertools import cycle
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -15,14 +17,39 @@ from rotorjax.data.names import harmless
 COLOURS = ("#1b5e9c", "#c8500a", "#2e7d4f", "#8e3b8a", "#7a5c00")
 """Told apart in print and by colour-blind readers: blue, orange, green, purple, ochre."""
 
+MARKERS = "osD^vP*X"
+"""Of the first series in these colours, the second, ...: what comes after the last colour is told apart by them."""
+
 LONGEST_NAME = 24
 """Characters of a name in a picture."""
+
+LETTER_EM, HANDLE_EM = 0.6, 3.5
+"""Widths in heights of a letter: of a letter, and of what stands beside the words of a legend."""
 
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """A figure with its axes, row by row, laid out so that labels do not overlap. Sizes in inches."""
     drawn = Figure(figsize=(width, height), layout="constrained")
     return drawn, list(drawn.subplots(rows, columns, squeeze=False).ravel())
+
+
+def told_apart() -> Iterator[tuple[str, str]]:
+    """Colour and marker of one series after another, without end."""
+    return ((colour, marker) for marker in cycle(MARKERS) for colour in COLOURS)
+
+
+def legend_above(axes: Axes, *, most: int, fontsize: float = 8.0) -> None:
+    """A legend above the axes, where it hides nothing, in as many columns as have room there, ``most`` at the most."""
+    longest = max((len(label) for label in axes.get_legend_handles_labels()[1]), default=0)
+    fit = int(points_per_axes(axes)[0] / (HANDLE_EM + LETTER_EM * longest) / fontsize)
+    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "frameon": False}
+    axes.legend(fontsize=fontsize, ncols=max(1, min(most, fit)), **place)
+
+
+def points_per_axes(axes: Axes) -> Float[np.ndarray, "2"]:
+    """Width and height of axes [pt], before they are laid out."""
+    box = axes.get_window_extent()
+    return 72.0 * np.array([box.width, box.height]) / (axes.figure.dpi if axes.figure is not None else 72.0)
 
 
 def svg(drawn: Figure) -> bytes:

@@ -9,7 +9,7 @@ from matplotlib.colors import LogNorm
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
-from rotorjax.reporting.plots.canvas import COLOURS, logarithmic, plain, with_room
+from rotorjax.reporting.plots.canvas import COLOURS, MARKERS, logarithmic, plain, told_apart, with_room
 from rotorjax.reporting.wording import percent
 from rotorjax.units import MICROMETRE
 
@@ -166,16 +166,18 @@ def missing_force(
         ),
     }[over]
     largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
-    for colour, case in zip(COLOURS, sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
+    for (colour, marker), case in zip(told_apart(), sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
         at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]
         axes.plot(
             at,
             force,
-            "-",
+            "-" if marker == MARKERS[0] else f"{marker}-",
             color=colour,
             linewidth=1.2,
+            markersize=4,
+            markevery=8,
             label=f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm",
         )
         axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)

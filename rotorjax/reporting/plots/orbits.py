@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from rotorjax.data.spectra import FullSpectrum
 from rotorjax.diagnosis.orbits import Centreline, Orbit, RecordedOrbit
-from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, plain
+from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, legend_above, plain, told_apart
 from rotorjax.units import MICROMETRE
 
 MEASURED, MODEL = COLOURS[0], COLOURS[1]
@@ -175,10 +175,11 @@ def centreline(
     rim = [] if clearance_um is None else [np.add.outer([-clearance_um, clearance_um], centre_um)]
     every = np.concatenate([*shown, *rim])
     extent, middle = float(np.ptp(every, axis=0).max()) or 1.0, 0.5 * (every.min(axis=0) + every.max(axis=0))
-    for colour, (run, line) in zip(COLOURS, lines.items(), strict=False):
+    for (colour, marker), (run, line) in zip(told_apart(), lines.items(), strict=False):
         order = np.argsort(line.speed_rpm, kind="stable")
         place = line.measured[order] / MICROMETRE
-        axes.plot(*place.T, "o-", color=colour, markersize=4, linewidth=0.9, label=f"{plain(run)}, measured", zorder=3)
+        joined = {"color": colour, "markersize": 4, "linewidth": 0.9, "zorder": 3}
+        axes.plot(*place.T, f"{marker}-", label=f"{plain(run)}, measured", **joined)
         if line.predicted is not None:
             model = line.predicted[order] / MICROMETRE
             axes.plot(*np.stack([place, model]).transpose(2, 0, 1), "-", color="0.6", linewidth=0.8, zorder=1)
@@ -193,6 +194,6 @@ def centreline(
     limits = [(float(at - 0.6 * extent), float(at + 0.6 * extent)) for at in middle]
     axes.set(xlabel="x, µm", ylabel="y, µm", xlim=limits[0], ylim=limits[1])
     axes.set_aspect("equal", adjustable="box")
-    axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(lines) + 1, frameon=False)
+    legend_above(axes, most=len(lines) + 1, fontsize=7.0)
     axes.grid(alpha=0.3)
     return axes
