@@ -16,6 +16,7 @@ from rotorjax.reporting import plots
 from rotorjax.reporting.curves import Curve
 from rotorjax.reporting.pictures import story_pictures
 from rotorjax.reporting.pictures.orbits import orbit_cases
+from rotorjax.reporting.plots.canvas import label_speeds
 
 ORDERS = (0.0, 0.5, 1.0, 2.0)
 SPEEDS = np.linspace(600.0, 2900.0, 6)
@@ -328,3 +329,34 @@ def test_no_run_vanishes_for_want_of_colours():
         assert len(seen) >= 8
     axes[2].figure.canvas.draw()
     assert axes[2].get_window_extent().width > 0.5 * axes[2].figure.bbox.width
+
+
+@pytest.mark.parametrize(
+    ("z", "speed_rpm", "expected"),
+    [
+        (40.0 + 0.05 * np.exp(1j * np.arange(10)), np.linspace(300.0, 1200.0, 10), ["300 rpm"]),
+        ([30.0, 30.5j, 31.0j, -30.0], [700.0, 700.0, 700.0, 900.0], ["700 rpm", "900 rpm"]),
+        ([49.0 + 49.0j, -49.0 + 49.0j, 49.0 - 49.0j, -49.0 - 49.0j], [1.0, 2.0, 3.0, 4.0], ["1", "2", "3", "4"]),
+        ([20.0, 26.0 + 1.0j, 32.0, 1.0], [1000.0, 2000.0, 3000.0, 4000.0], ["1000", "2000"]),
+        ([], [], []),
+    ],
+)
+def test_speeds_are_labelled_once_apart_and_within_the_axes(z, speed_rpm, expected):
+    drawn, (axes,) = plots.figure(4.6, 4.4)
+    axes.set(xlim=(-50.0, 50.0), ylim=(-50.0, 50.0))
+    axes.set_aspect("equal", adjustable="box")
+    label_speeds(axes, np.array(z, dtype=complex), np.array(speed_rpm), clear=5.0)
+    drawn.canvas.draw()
+    words = [text.get_text() for text in axes.texts]
+    assert words == [each if "rpm" in each else f"{each} rpm" for each in expected]
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
+    frame = axes.get_window_extent()
+    assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1 for box in boxes)
+
+
+def test_the_legend_of_a_polar_plot_hides_nothing(story):
+    axes = story.plot.polar()
+    axes.figure.canvas.draw()
+    legend = axes.get_legend().get_window_extent()
+    assert not any(legend.overlaps(text.get_window_extent()) for text in axes.texts if text.get_text())

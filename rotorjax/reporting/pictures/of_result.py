@@ -54,7 +54,7 @@ class Plots:
             order=first_order(m) if order is None else order,
             runs=shown_runs(view),
         )
-        axes.legend(fontsize=8)
+        plots.legend_above(axes, most=3)
         return axes
 
     def residuals(self, ax: Axes | None = None, *, declared: bool = False) -> Axes:

@@ -2,7 +2,7 @@
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import cycle
 
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Complex, Float
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from rotorjax.data.names import harmless
@@ -22,6 +23,12 @@ MARKERS = "osD^vP*X"
 
 LONGEST_NAME = 24
 """Characters of a name in a picture."""
+
+SPEED_PT, BESIDE_PT, SPARE = 7.0, 4.0, 1.1
+"""Size of a speed's letters, their distance from its point, and the part by which axes may shrink when laid out."""
+
+SIDES = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+"""Right and up, right and down, left and up, left and down."""
 
 LETTER_EM, HANDLE_EM = 0.6, 3.5
 """Widths in heights of a letter: of a letter, and of what stands beside the words of a legend."""
@@ -97,22 +104,52 @@ def with_room(values: np.ndarray) -> tuple[float, float]:
 
 
 def label_speeds(
-    axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"], *, apart: float | None = None
+    axes: Axes, z: Complex[np.ndarray, "_"], speed_rpm: Float[np.ndarray, "_"], *, clear: float = 0.0
 ) -> None:
-    """Speeds beside vectors, where they do not lie on one another. **Arguments:** ``apart``: least distance of
-    those labelled; by default a share of their extent, from the origin too, about which the runs of a polar plot lie on
-    one another.
+    """Speeds beside vectors, each once, where they lie neither on one another nor outside the axes.
+
+    The limits of the axes must be set, their scales be equal. **Arguments:** ``clear``: how far from the origin none is
+    labelled: there the runs of a polar plot lie on one another.
     """
-    points, labelled = np.stack([np.real(z), np.imag(z)], axis=1), []
-    room = 0.12 * float(np.ptp(points, axis=0).max()) if apart is None and len(points) else apart or 0.0
+    limits = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    unit = SPARE * float(np.max(np.ptp(limits, axis=0) / points_per_axes(axes)))
+    points = np.stack([np.real(z), np.imag(z)], axis=1) / unit
+    written = [np.array(text.xy) / unit for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
+    marked = [line.get_xydata() / unit for line in axes.lines if line.get_marker() != "None"]
+    seen, labels = np.concatenate([points, *marked, *([written] if written else [])]), {}
     for at, speed in zip(points, speed_rpm, strict=True):
-        if (apart is not None or np.linalg.norm(at) > room) and all(
-            np.linalg.norm(at - other) > room for other in labelled
-        ):
-            labelled.append(at)
+        words = f"{speed:.0f} rpm"
+        half = 0.5 * SPEED_PT * np.array([LETTER_EM * len(words), 1.2])
+        near = any(np.linalg.norm(at - other) < SPEED_PT for other, _ in labels.values())
+        if words in labels or near or np.linalg.norm(at) < clear / unit:
+            continue
+        side = _free_side(at, half, limits / unit, seen, [middle for _, middle in labels.values()])
+        if side is not None:
+            labels[words] = at, at + side * (half + BESIDE_PT)
+            place = {"ha": "left" if side[0] > 0 else "right", "va": "bottom" if side[1] > 0 else "top"}
+            offset = tuple(BESIDE_PT * side)
             axes.annotate(
-                f"{speed:.0f} rpm", tuple(at), textcoords="offset points", xytext=(5, 4), fontsize=7, zorder=5
+                words, tuple(at * unit), textcoords="offset points", xytext=offset, fontsize=SPEED_PT, zorder=5, **place
             )
+
+
+def _free_side(
+    at: Float[np.ndarray, "2"],
+    half: Float[np.ndarray, "2"],
+    limits: Float[np.ndarray, "2 2"],
+    seen: Float[np.ndarray, "_ 2"],
+    labels: Sequence[Float[np.ndarray, "2"]],
+) -> Float[np.ndarray, "2"] | None:
+    """On which side of a point words hide the least of what is seen, above and to the right if they may: within the
+    limits, and on no other label; none where there is no room. In points of print.
+    """
+    free = []
+    for side in SIDES:
+        middle = at + side * (half + BESIDE_PT)
+        within = np.all((limits[0] < middle - half) & (middle + half < limits[1]))
+        if within and not any(np.all(np.abs(middle - other) < 2.0 * half) for other in labels):
+            free.append((int(np.sum(np.all(np.abs(seen - middle) < half + 2.0, axis=1))), side))
+    return min(free, key=lambda one: one[0])[1] if free else None
 
 
 def arc_of_rotation(axes: Axes, radius: float, middle: float, spin: int) -> None:

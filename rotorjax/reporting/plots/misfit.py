@@ -170,16 +170,9 @@ def missing_force(
         at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]
-        axes.plot(
-            at,
-            force,
-            "-" if marker == MARKERS[0] else f"{marker}-",
-            color=colour,
-            linewidth=1.2,
-            markersize=4,
-            markevery=8,
-            label=f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm",
-        )
+        style = {"color": colour, "linewidth": 1.2, "markersize": 4, "markevery": 8}
+        words = f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm"
+        axes.plot(at, force, "-" if marker == MARKERS[0] else f"{marker}-", label=words, **style)
         axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.set(xlabel=label, ylabel=f"force missing along {name}, N")

@@ -15,6 +15,9 @@ from rotorjax.units import MICROMETRE
 CIRCLES, LABELLED = 4, np.radians(15.0)
 """Circles of amplitude in a polar plot, and where their sizes are written."""
 
+CLEAR = 0.1
+"""Vectors of a polar plot whose speeds are not labelled: smaller than this in the largest."""
+
 SHORT_NAME = 8
 """Characters of a probe's name that go into one line with the rest of a label."""
 
@@ -135,10 +138,12 @@ def polar(
         own = own[np.argsort(m.speed_rpm[cases][own], kind="stable")]
         joined = {"color": colour, "markersize": 4, "linewidth": 0.9, "zorder": 3}
         axes.plot(z.real[own], z.imag[own], f"{marker}-", label=plain(run), **joined)
-        if run == runs[0]:
-            label_speeds(axes, z[own], m.speed_rpm[cases][own])
     largest = max(float(np.abs(part).max()) for part in (z, model)) if len(z) else 1.0
     _graticule(axes, largest or 1.0, phase)
+    if runs:
+        first = m.run[cases] == m.runs.index(runs[0])
+        by_speed = np.flatnonzero(first)[np.argsort(m.speed_rpm[cases][first], kind="stable")]
+        label_speeds(axes, z[by_speed], m.speed_rpm[cases][by_speed], clear=CLEAR * largest)
     axes.set(
         xlabel=f"phase {phase} in degrees, counted {'with' if phase == 'lead' else 'against'} the rotation",
         ylabel=f"{plain(probe)} {order:g}X, µm (0-peak)",
