@@ -115,21 +115,26 @@ def label_speeds(
     unit = SPARE * float(np.max(np.ptp(limits, axis=0) / points_per_axes(axes)))
     points = np.stack([np.real(z), np.imag(z)], axis=1) / unit
     written = [np.array(text.xy) / unit for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
-    marked = [line.get_xydata() / unit for line in axes.lines if line.get_marker() != "None"]
+    marked = [np.asarray(line.get_xydata()) / unit for line in axes.lines if line.get_marker() != "None"]
     seen, labels = np.concatenate([points, *marked, *([written] if written else [])]), {}
-    for at, speed in zip(points, speed_rpm, strict=True):
-        words = f"{speed:.0f} rpm"
-        half = 0.5 * SPEED_PT * np.array([LETTER_EM * len(words), 1.2])
+    said = [f"{speed:.0f} rpm" for speed in speed_rpm]
+    half = 0.5 * SPEED_PT * np.array([LETTER_EM * max(map(len, said), default=0), 1.2])
+    for at, words in zip(points, said, strict=True):
         near = any(np.linalg.norm(at - other) < SPEED_PT for other, _ in labels.values())
         if words in labels or near or np.linalg.norm(at) < clear / unit:
             continue
         side = _free_side(at, half, limits / unit, seen, [middle for _, middle in labels.values()])
         if side is not None:
             labels[words] = at, at + side * (half + BESIDE_PT)
-            place = {"ha": "left" if side[0] > 0 else "right", "va": "bottom" if side[1] > 0 else "top"}
-            offset = tuple(BESIDE_PT * side)
             axes.annotate(
-                words, tuple(at * unit), textcoords="offset points", xytext=offset, fontsize=SPEED_PT, zorder=5, **place
+                words,
+                tuple(at * unit),
+                textcoords="offset points",
+                xytext=tuple(BESIDE_PT * side),
+                ha="left" if side[0] > 0 else "right",
+                va="bottom" if side[1] > 0 else "top",
+                fontsize=SPEED_PT,
+                zorder=5,
             )
 
 
