@@ -69,15 +69,12 @@ def verdict(story: Story) -> str:
         first += f" With its uncertain values fitted {number(before / MICROMETRE)} µm remain."
     names = said(story.additions)
     needed = [r for r in story.rivals if r.instead is None and not r.tied]
-    if after > HELPS * before and not needed:
+    if after >= HELPS * before and not needed:
         return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
     held = story.fits[-1].held_out_rms
-    fold = f"{number(before / after)}-fold" if after > 0.0 else "to nothing"
+    fall = f"{number(before / after)}-fold to {number(after / MICROMETRE)} µm rms" if after > 0.0 else "to nothing"
     held_text = f"; {number(before / held)}-fold on readings left out of the fit" if held else ""
-    return (
-        f"{first} With {names} the error falls {fold} to {number(after / MICROMETRE)} µm rms{held_text}. "
-        f"{_remains(story)}"
-    )
+    return f"{first} With {names} the error falls {fall}{held_text}. {_remains(story)}"
 
 
 def _remains(story: Story) -> str:

@@ -6,15 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, Probes, effects, response, tell
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, Probes, compare, effects, response, tell
 from rotorjax.data.spectra import full_spectrum, spectra
 from rotorjax.diagnosis.critical_speeds import critical_speeds_rpm
 from rotorjax.diagnosis.lateral import SpeedRange, stability
 from rotorjax.diagnosis.natural_frequencies import natural_frequencies
 from rotorjax.diagnosis.orbits import Centreline, Orbit, probe_pairs, recorded_orbit
 from rotorjax.reporting import plots
+from rotorjax.reporting.curves import Curve
 from rotorjax.reporting.pictures import story_pictures
 from rotorjax.reporting.pictures.orbits import orbit_cases
+from rotorjax.reporting.plots.canvas import label_speeds
 
 ORDERS = (0.0, 0.5, 1.0, 2.0)
 SPEEDS = np.linspace(600.0, 2900.0, 6)
@@ -273,3 +275,88 @@ def test_every_diagram_has_a_caption_and_draws_where_asked(record):
         assert axes.get_xlabel()
         assert axes.get_ylabel()
         axes.figure.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("rms_um", "held_out_um", "noise_um", "drawn"),
+    [
+        ([0.52, 0.36], [None, 13.45], 0.42, [0.52, 0.36]),
+        ([0.3, 0.3], [None, 0.4], 7.07, [0.3, 0.3]),
+        ([48.7, 2e-14], [None, 0.0], None, [48.7, 4.87]),
+        ([0.0, 0.0], [None, 0.0], 0.42, [0.042, 0.042]),
+        ([0.0, 0.0], [None, 0.0], None, [0.0, 0.0]),
+    ],
+)
+def test_the_error_picture_holds_all_that_it_names(rms_um, held_out_um, noise_um, drawn):
+    (axes,) = plots.figure(5.6, 3.2)[1]
+    plots.error_fall(axes, ["as declared", "+ bow"], rms_um, held_out_um, noise_um=noise_um)
+    low, high = axes.get_ylim()
+    for line in axes.lines:
+        assert np.all((low < line.get_ydata()) & (line.get_ydata() < high)), line.get_label()
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), drawn)
+    words = [text.get_text() for text in axes.texts]
+    assert [word == "0" for word in words] == [value < 1e-9 for value in rms_um]
+
+
+@pytest.mark.filterwarnings("error")
+def test_vectors_of_zero_are_seen():
+    conditions = Conditions.at_rpm(SPEEDS, unbalance=(0.0, 0.0))
+    measurement = Measurement.from_arrays(np.zeros((len(SPEEDS), 2, 1), complex), conditions, sigma=3e-7)
+    found = tell(Model(Jeffcott(1.0, 5e4, 0.02)), measurement, [effects.ResidualUnbalance()])
+    axes = found.plot.amplitude()
+    (dots,) = (line for line in axes.lines if line.get_label() == "measured")
+    assert axes.get_yscale() == "linear"
+    assert axes.get_ylim()[0] < 0.0
+    np.testing.assert_array_equal(dots.get_ydata(), 0.0)
+    assert "Adding residual unbalance does not help: 0.00 µm rms remain." in found.summary()
+
+
+def test_no_run_vanishes_for_want_of_colours():
+    runs = tuple("ABCDEFGH")
+    conditions = Conditions.at_rpm(np.tile(SPEEDS, 8))
+    z = np.arange(1, 97).reshape(48, 2, 1) * (1e-6 + 1e-6j)
+    measurement = Measurement.from_arrays(z, conditions, run=np.repeat(np.arange(8), 6), runs=runs)
+    axes = [plots.figure(5.0, 4.0)[1][0] for _ in range(4)]
+    view = compare(Model(Jeffcott(1.0, 5e4, 0.02)), measurement)
+    plots.polar(axes[0], view, probe="Y", order=1.0, runs=runs)
+    curve = Curve(SPEEDS, np.ones(6) * (1e-6 + 0j))
+    plots.bode(axes[1], plots.figure(5.0, 4.0)[1][0], view, dict.fromkeys(runs, curve), probe="Y", order=1.0)
+    place = Centreline(SPEEDS, np.stack([SPEEDS, -SPEEDS], axis=1) * 1e-8)
+    plots.centreline(axes[2], dict.fromkeys((f"machine 7, overhaul {run}" for run in runs), place))
+    plots.convergence(axes[3], {run: np.array([1.0, 0.1]) for run in runs}, tolerance=0.01)
+    for each in axes:
+        seen = {(line.get_color(), line.get_marker()) for line in each.lines if line.get_marker() not in ("None", "x")}
+        assert len(seen) >= 8
+    axes[2].figure.canvas.draw()
+    assert axes[2].get_window_extent().width > 0.5 * axes[2].figure.bbox.width
+
+
+@pytest.mark.parametrize(
+    ("z", "speed_rpm", "expected"),
+    [
+        (40.0 + 0.05 * np.exp(1j * np.arange(10)), np.linspace(300.0, 1200.0, 10), ["300 rpm"]),
+        ([30.0, 30.5j, 31.0j, -30.0], [700.0, 700.0, 700.0, 900.0], ["700 rpm", "900 rpm"]),
+        ([49.0 + 49.0j, -49.0 + 49.0j, 49.0 - 49.0j, -49.0 - 49.0j], [1.0, 2.0, 3.0, 4.0], ["1", "2", "3", "4"]),
+        ([20.0, 26.0 + 1.0j, 32.0, 1.0], [1000.0, 2000.0, 3000.0, 4000.0], ["1000", "2000"]),
+        ([], [], []),
+    ],
+)
+def test_speeds_are_labelled_once_apart_and_within_the_axes(z, speed_rpm, expected):
+    drawn, (axes,) = plots.figure(4.6, 4.4)
+    axes.set(xlim=(-50.0, 50.0), ylim=(-50.0, 50.0))
+    axes.set_aspect("equal", adjustable="box")
+    label_speeds(axes, np.array(z, dtype=complex), np.array(speed_rpm), clear=5.0)
+    drawn.canvas.draw()
+    words = [text.get_text() for text in axes.texts]
+    assert words == [each if "rpm" in each else f"{each} rpm" for each in expected]
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
+    frame = axes.get_window_extent()
+    assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1 for box in boxes)
+
+
+def test_the_legend_of_a_polar_plot_hides_nothing(story):
+    axes = story.plot.polar()
+    axes.figure.canvas.draw()
+    legend = axes.get_legend().get_window_extent()
+    assert not any(legend.overlaps(text.get_window_extent()) for text in axes.texts if text.get_text())

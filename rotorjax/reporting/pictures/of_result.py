@@ -53,7 +53,7 @@ class Plots:
         m, view = self._story.measurement, self._story.declared if declared else self._story.last
         probe, order = the_reading(m, probe, order)
         axes = plots.polar(ax or _new(4.6, 4.4), view, probe=probe, order=order, runs=shown_runs(view))
-        axes.legend(fontsize=8)
+        plots.legend_above(axes, most=3)
         return axes
 
     def residuals(self, ax: Axes | None = None, *, declared: bool = False) -> Axes:

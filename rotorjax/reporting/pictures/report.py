@@ -173,7 +173,8 @@ def _polar(story: Story, phase: Phase) -> Figure:
     drawn, axes = plots.figure(4.6 * max(count, 2), 4.6, 1, count)
     for each, probe in zip(axes, m.probes_read, strict=True):
         plots.polar(each, story.last, probe=probe, order=first_order(m), runs=shown_runs(story.last), phase=phase)
-    axes[0].legend(fontsize=8)
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=8)
     return drawn
 
 

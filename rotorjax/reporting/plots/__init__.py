@@ -3,6 +3,7 @@
 from rotorjax.reporting.plots.campbell import campbell as campbell
 from rotorjax.reporting.plots.canvas import COLOURS as COLOURS
 from rotorjax.reporting.plots.canvas import figure as figure
+from rotorjax.reporting.plots.canvas import legend_above as legend_above
 from rotorjax.reporting.plots.canvas import plain as plain
 from rotorjax.reporting.plots.canvas import svg as svg
 from rotorjax.reporting.plots.captions import CAPTIONS as CAPTIONS

@@ -9,9 +9,12 @@ from matplotlib.colors import LogNorm
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
-from rotorjax.reporting.plots.canvas import COLOURS, plain, with_room
+from rotorjax.reporting.plots.canvas import COLOURS, MARKERS, logarithmic, plain, told_apart, with_room
 from rotorjax.reporting.wording import percent
 from rotorjax.units import MICROMETRE
+
+NOTHING_UM = 1e-9
+"""Errors not above this are those of rounding [µm]."""
 
 
 def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float] | None = None) -> Axes:
@@ -61,10 +64,15 @@ def _positive_range(grid: np.ndarray) -> tuple[float, float]:
 def error_fall(
     axes: Axes, labels: list[str], rms_um: list[float], held_out_um: list[float | None], *, noise_um: float | None
 ) -> Axes:
-    """The error step by step as effects were added, with the error on held-out data and the level of the noise."""
+    """The error step by step as effects were added, with the error on held-out data and the level of the noise.
+
+    What is nothing but rounding stands as 0 at the bottom.
+    """
     at = np.arange(len(labels))
-    axes.plot(at, rms_um, "o-", color=COLOURS[0], markersize=7, linewidth=1.2, label="all data")
-    held = [(x, h) for x, h in zip(at, held_out_um, strict=True) if h is not None]
+    noise = [] if noise_um is None else [noise_um]
+    low, high, rms, held_out = _error_heights(rms_um, held_out_um, noise)
+    axes.plot(at, rms, "o-", color=COLOURS[0], markersize=7, linewidth=1.2, label="all data")
+    held = [(x, h) for x, h in zip(at, held_out, strict=True) if h is not None]
     if held:
         axes.plot(
             *zip(*held, strict=True),
@@ -75,19 +83,34 @@ def error_fall(
             markeredgewidth=1.5,
             label="held out",
         )
-    if noise_um is not None:
-        axes.axhline(noise_um, color="0.3", linestyle="--", linewidth=1.0, label="noise alone (√2 standard errors)")
-    for x, value in zip(at, rms_um, strict=True):
-        axes.annotate(f"{value:#.3g}".rstrip("."), (x, value), textcoords="offset points", xytext=(8, 4), fontsize=8)
-    axes.set_yscale("log")
-    floor = float(np.min([*rms_um, *(h for _, h in held), *([noise_um] if noise_um else [])]))
-    axes.set_ylim(max(floor, 1e-9) / 2.0, max(1e-9, *rms_um) * 3.0)
+    for level in noise:
+        axes.axhline(level, color="0.3", linestyle="--", linewidth=1.0, label="noise alone (√2 standard errors)")
+    for x, y, value in zip(at, rms, rms_um, strict=True):
+        words = f"{value:#.3g}".rstrip(".") if value > NOTHING_UM else "0"
+        axes.annotate(words, (x, y), textcoords="offset points", xytext=(8, 4), fontsize=8)
+    axes.set_ylim(low, high)
+    logarithmic(axes)
     axes.set_xticks(at, labels, fontsize=8)
     axes.set(ylabel="rms |residual|, µm", xlim=(-0.4, len(labels) - 0.4))
     # Above the axes: inside it would hide points and their numbers.
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     axes.grid(axis="y", alpha=0.3)
     return axes
+
+
+def _error_heights(
+    rms_um: list[float], held_out_um: list[float | None], noise_um: list[float]
+) -> tuple[float, float, list[float], list[float | None]]:
+    """Limits that hold every error and the noise, and where the errors are drawn: what is nothing at the floor, a
+    decade below the least that is seen; at zero where nothing is.
+    """
+    every = [*rms_um, *(h for h in held_out_um if h is not None), *noise_um]
+    seen = [value for value in every if value > NOTHING_UM]
+    if not seen:
+        return -0.05, 1.0, [0.0] * len(rms_um), [None if h is None else 0.0 for h in held_out_um]
+    floor = min(seen) / (1.0 if len(seen) == len(every) else 10.0)
+    held_out = [None if h is None else max(h, floor) for h in held_out_um]
+    return floor / 2.0, 3.0 * max(seen), [max(value, floor) for value in rms_um], held_out
 
 
 def probabilities(axes: Axes, effects: list[str], values: list[float]) -> Axes:
@@ -143,18 +166,13 @@ def missing_force(
         ),
     }[over]
     largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
-    for colour, case in zip(COLOURS, sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
+    for (colour, marker), case in zip(told_apart(), sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
         at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]
-        axes.plot(
-            at,
-            force,
-            "-",
-            color=colour,
-            linewidth=1.2,
-            label=f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm",
-        )
+        style = {"color": colour, "linewidth": 1.2, "markersize": 4, "markevery": 8}
+        words = f"{plain(m.runs[m.run[case]])}, {m.speed_rpm[case]:.0f} rpm"
+        axes.plot(at, force, "-" if marker == MARKERS[0] else f"{marker}-", label=words, **style)
         axes.fill_between(at, force - error, force + error, color=colour, alpha=0.2, linewidth=0.0)
     axes.axhline(0.0, color="0.8", linewidth=0.7, zorder=0)
     axes.set(xlabel=label, ylabel=f"force missing along {name}, N")

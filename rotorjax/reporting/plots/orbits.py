@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from rotorjax.data.spectra import FullSpectrum
 from rotorjax.diagnosis.orbits import Centreline, Orbit, RecordedOrbit
-from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, plain
+from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, legend_above, plain, told_apart
 from rotorjax.units import MICROMETRE
 
 MEASURED, MODEL = COLOURS[0], COLOURS[1]
@@ -18,8 +18,6 @@ RIM = 1.25
 """Where probes and the sense of rotation are shown, in reaches of the orbit."""
 CORNERS, CLEAR = np.radians([135.0, 45.0, 90.0]), np.radians(30.0)
 """Where the sense of rotation may be shown, and how far from a probe."""
-APART = 0.08
-"""Least distance of labelled positions of a centreline, in the extent of the picture."""
 SHOWN_TURNS = 8
 """Revolutions of a record that are drawn: more would cover one another."""
 
@@ -175,16 +173,15 @@ def centreline(
     rim = [] if clearance_um is None else [np.add.outer([-clearance_um, clearance_um], centre_um)]
     every = np.concatenate([*shown, *rim])
     extent, middle = float(np.ptp(every, axis=0).max()) or 1.0, 0.5 * (every.min(axis=0) + every.max(axis=0))
-    for colour, (run, line) in zip(COLOURS, lines.items(), strict=False):
+    for (colour, marker), (run, line) in zip(told_apart(), lines.items(), strict=False):
         order = np.argsort(line.speed_rpm, kind="stable")
         place = line.measured[order] / MICROMETRE
-        axes.plot(*place.T, "o-", color=colour, markersize=4, linewidth=0.9, label=f"{plain(run)}, measured", zorder=3)
+        joined = {"color": colour, "markersize": 4, "linewidth": 0.9, "zorder": 3}
+        axes.plot(*place.T, f"{marker}-", label=f"{plain(run)}, measured", **joined)
         if line.predicted is not None:
             model = line.predicted[order] / MICROMETRE
             axes.plot(*np.stack([place, model]).transpose(2, 0, 1), "-", color="0.6", linewidth=0.8, zorder=1)
             axes.plot(*model.T, "x", color=colour, markersize=6, label=f"{plain(run)}, model", zorder=4)
-        if run == next(iter(lines)):
-            label_speeds(axes, place[:, 0] + 1j * place[:, 1], line.speed_rpm[order], apart=APART * extent)
     if clearance_um is not None:
         turn = 2.0 * np.pi * np.linspace(0.0, 1.0, 361)
         x, y = centre_um[0] + clearance_um * np.cos(turn), centre_um[1] + clearance_um * np.sin(turn)
@@ -193,6 +190,9 @@ def centreline(
     limits = [(float(at - 0.6 * extent), float(at + 0.6 * extent)) for at in middle]
     axes.set(xlabel="x, µm", ylabel="y, µm", xlim=limits[0], ylim=limits[1])
     axes.set_aspect("equal", adjustable="box")
-    axes.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(lines) + 1, frameon=False)
+    for first in list(lines.values())[:1]:
+        order = np.argsort(first.speed_rpm, kind="stable")
+        label_speeds(axes, first.measured[order] @ [1.0, 1.0j] / MICROMETRE, first.speed_rpm[order])
+    legend_above(axes, most=len(lines) + 1, fontsize=7.0)
     axes.grid(alpha=0.3)
     return axes

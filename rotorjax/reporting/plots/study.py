@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from rotorjax.reporting.plots.canvas import COLOURS
+from rotorjax.reporting.plots.canvas import COLOURS, told_apart
 
 _SERIES = ("#9aa5b1", "#8fb8de", "#1b5e9c", "#f0a868", "#c8500a", "#2e7d4f")
 """Fills for bars: grey for nothing done, then pairs of light and dark."""
@@ -22,11 +22,11 @@ def error_cloud(axes: Axes, errors: Float[np.ndarray, "sample"], *, label: str, 
 
 def convergence(axes: Axes, histories: dict[str, Float[np.ndarray, "step"]], *, tolerance: float) -> Axes:
     """Largest relative error after every step, one line per method, on a logarithmic scale."""
-    for colour, (name, errors) in zip(COLOURS, histories.items(), strict=False):
+    for (colour, marker), (name, errors) in zip(told_apart(), histories.items(), strict=False):
         axes.semilogy(
             np.arange(len(errors)),
             np.maximum(errors, 1e-16),
-            "o-",
+            f"{marker}-",
             color=colour,
             markersize=3.5,
             linewidth=1.1,

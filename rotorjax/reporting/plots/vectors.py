@@ -9,11 +9,14 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.reporting.curves import Curve
-from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, logarithmic, plain
+from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, logarithmic, plain, told_apart
 from rotorjax.units import MICROMETRE
 
 CIRCLES, LABELLED = 4, np.radians(15.0)
 """Circles of amplitude in a polar plot, and where their sizes are written."""
+
+CLEAR = 0.1
+"""Vectors of a polar plot whose speeds are not labelled: smaller than this in the largest."""
 
 SHORT_NAME = 8
 """Characters of a probe's name that go into one line with the rest of a label."""
@@ -38,12 +41,12 @@ def bode(
     m, lag = view.measurement, any(curve.lag for curve in after.values())
     sign = -1.0 if lag else 1.0
     k, n = m.probes.index(probe), m.orders.index(order)
-    for colour, (run, curve) in zip(COLOURS, after.items(), strict=False):
+    for (colour, marker), (run, curve) in zip(told_apart(), after.items(), strict=False):
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
         speed, z = m.speed_rpm[cases], view.measured[cases, k, n] / MICROMETRE
         dots = {"color": colour, "markersize": 4.5, "zorder": 3}
-        amplitude.plot(speed, np.abs(z), "o", label=f"{plain(run)}, measured", **dots)
-        phase.plot(speed, curve.near(speed, sign * np.degrees(np.angle(z))), "o", **dots)
+        amplitude.plot(speed, np.abs(z), marker, label=f"{plain(run)}, measured", **dots)
+        phase.plot(speed, curve.near(speed, sign * np.degrees(np.angle(z))), marker, **dots)
         for axes, line, band in (
             (amplitude, curve.amplitude_um, curve.band_um),
             (phase, curve.phase_deg, curve.band_deg),
@@ -130,14 +133,17 @@ def polar(
     if rest.any():
         label = "other runs, measured" if runs else "measured"
         axes.plot(z.real[rest], z.imag[rest], "o", color="0.6" if runs else COLOURS[0], markersize=4, label=label)
-    for colour, run in zip(COLOURS, runs, strict=False):
+    for (colour, marker), run in zip(told_apart(), runs, strict=False):
         own = np.flatnonzero(m.run[cases] == m.runs.index(run))
         own = own[np.argsort(m.speed_rpm[cases][own], kind="stable")]
-        axes.plot(z.real[own], z.imag[own], "o-", color=colour, markersize=4, linewidth=0.9, label=plain(run), zorder=3)
-        if run == runs[0]:
-            label_speeds(axes, z[own], m.speed_rpm[cases][own])
+        joined = {"color": colour, "markersize": 4, "linewidth": 0.9, "zorder": 3}
+        axes.plot(z.real[own], z.imag[own], f"{marker}-", label=plain(run), **joined)
     largest = max(float(np.abs(part).max()) for part in (z, model)) if len(z) else 1.0
     _graticule(axes, largest or 1.0, phase)
+    if runs:
+        first = m.run[cases] == m.runs.index(runs[0])
+        by_speed = np.flatnonzero(first)[np.argsort(m.speed_rpm[cases][first], kind="stable")]
+        label_speeds(axes, z[by_speed], m.speed_rpm[cases][by_speed], clear=CLEAR * largest)
     axes.set(
         xlabel=f"phase {phase} in degrees, counted {'with' if phase == 'lead' else 'against'} the rotation",
         ylabel=f"{plain(probe)} {order:g}X, µm (0-peak)",
