@@ -255,11 +255,13 @@ def make_contest(
     """All candidates at their null beside the model's own effects. That nothing is missing is as probable beforehand as
     that one of them is, which the families share alike, then the members of each.
 
-    Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
+    Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same. So is what is
+    declared uncertain, whatever the catalogue.
     """
-    full = model.with_orders(measurement.orders).in_company(catalog.values())
-    space = make_space(full, measurement.knowledge)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
+    classes = {name: CATALOG[name] for name in uncertain if name in CATALOG} | dict(catalog)
+    full = model.with_orders(measurement.orders).in_company(classes.values())
+    space = make_space(full, measurement.knowledge)
     possible = tuple(
         name for name in catalog if name in set(candidates) and name not in model and name not in uncertain
     )

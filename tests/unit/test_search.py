@@ -63,6 +63,19 @@ def test_another_answer_that_begins_with_the_same_effect_has_steps_of_its_own():
             assert frozenset({*answer.effects[:count], name}) in step.contenders
 
 
+def test_a_cut_down_catalogue_keeps_what_is_declared_uncertain():
+    with as_file(files("rotorjax") / "data" / "example") as folder:
+        rig = read_rig(folder / "rig.toml")
+        measurement = read_measurement(folder / "measurement.csv", rig)
+    names = ("residual_unbalance", "cross_coupling")
+    whole = make_contest(rig.model, measurement, names)
+    cut = make_contest(rig.model, measurement, names, {name: effects.CATALOG[name] for name in names})
+    freed = [{(e.effect, e.label) for e in c.space.entries if e.declared_uncertain} for c in (whole, cut)]
+    assert freed[0] == freed[1] != set()
+    assert cut.candidates == whole.candidates
+    assert cut.free(frozenset()).sum() == whole.free(frozenset()).sum()
+
+
 def test_a_catalogue_that_would_lose_an_effect_is_refused(paper_rotor):
     with pytest.raises(ValueError, match=r"'mine'.*is the effect 'mass_error': use its name as the key"):
         check_catalog({"mine": effects.MassError}, paper_rotor)
