@@ -148,7 +148,8 @@ def test_folds():
     assert "2 runs at 1 speed leave" in reason
     assert folds(measurement_of(np.ones((4, 2, 1))))[0].sum() == 4
     # Of five runs named two have a case: that is no fold over runs.
-    gaps = measurement_of(np.ones((6, 2, 1)), runs=[0, 0, 0, 4, 4, 4], speeds=np.tile([1000.0, 1200.0, 1400.0], 2))
+    gaps = measurement_of(np.ones((6, 2, 1)), runs=[0, 0, 0, 1, 1, 1], speeds=np.tile([1000.0, 1200.0, 1400.0], 2))
+    gaps = dataclasses.replace(gaps, run=4 * gaps.run, runs=tuple("abcde"))
     assert [list(fold.nonzero()[0]) for fold in folds(gaps)[0]] == [[0, 3], [1, 4], [2, 5]]
 
 
