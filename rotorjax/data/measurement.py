@@ -1,12 +1,22 @@
 """Measured vibration vectors: a flat table as it is written down, and the dense arrays that models are compared to."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from rotorjax.arrays import Numbers
+from rotorjax.data.given_arrays import (
+    as_numbers,
+    checked_names,
+    checked_orders,
+    checked_repeat,
+    checked_runs,
+    checked_sigma,
+    measured_cells,
+)
 from rotorjax.errors import InputError
 from rotorjax.model.conditions import Conditions
 from rotorjax.shown import Shown
@@ -119,49 +129,36 @@ class Measurement(Shown):
     @classmethod
     def from_arrays(  # noqa: PLR0913
         cls,
-        vectors: Complex[np.ndarray, "case probe order"],
+        vectors: Numbers,
         conditions: Conditions,
         *,
-        run: Int[np.ndarray, "case"] | None = None,
-        runs: tuple[str, ...] = ("run",),
-        probes: tuple[str, ...] = ("X", "Y"),
-        orders: tuple[float, ...] = (1.0,),
-        sigma: float | Float[np.ndarray, "case probe order"] | None = None,
-        repeat: tuple[str, ...] | None = None,
+        run: Numbers | None = None,
+        runs: Sequence[str] = ("run",),
+        probes: Sequence[str] = ("X", "Y"),
+        orders: Numbers = (1.0,),
+        sigma: Numbers | None = None,
+        repeat: Sequence[str] | None = None,
         knowledge: Knowledge = Knowledge(),
     ) -> "Measurement":
-        """A measurement from arrays.
+        """A measurement from arrays, or from lists of the same shapes.
 
         **Arguments:** ``vectors`` [m], zero-to-peak, phase leading; not a number where nothing was measured.
-        ``conditions``: speed and what was installed, case by case; ``run``: index into ``runs`` of every case, by
-        default the first; ``sigma`` [m]: standard error of real and of imaginary part, one for all or cell by cell,
-        none where the noise is unknown; ``repeat``: labels of repeated readings.
-        **Errors.** ``ValueError`` for shapes that do not match, for nothing measured, and for a ``sigma`` that is not
-        positive where something was measured.
+        ``conditions``: speed and what was installed, case by case, the same in all cases of a run; ``run``: index into
+        ``runs`` of every case, by default the first; ``sigma`` [m]: standard error of real and of imaginary part, one
+        for all or cell by cell, none where the noise is unknown; ``repeat``: labels of repeated readings.
+        **Errors.** ``ValueError`` for shapes that do not match, for names and orders that are given twice, for a speed
+        that is not positive, for a run with different weights or without a case, for nothing measured, and for a
+        ``sigma`` that is not positive where something was measured.
         """
-        expected = (len(conditions.speed), len(probes), len(orders))
-        if vectors.shape != expected:
-            raise ValueError(
-                f"vectors have shape {vectors.shape}; {expected[0]} conditions, {expected[1]} probes and {expected[2]} "
-                f"orders need {expected}"
-            )
-        index = np.zeros(len(vectors), int) if run is None else run
-        if len(index) != len(vectors) or np.any((index < 0) | (index >= len(runs))):
-            raise ValueError(
-                f"run {int(np.max(index, initial=0))} is not among {', '.join(runs)}: give each of {len(vectors)} "
-                "cases the index of its run"
-            )
-        present = np.isfinite(vectors)
-        if not present.any():
-            raise ValueError("vectors holds no finite number: nothing was measured")
-        deviation = None if sigma is None else np.broadcast_to(np.asarray(sigma, float), expected).copy()
-        if deviation is not None and not np.all((deviation[present] > 0.0) & np.isfinite(deviation[present])):
-            raise ValueError("sigma must be positive and finite where something was measured; None where it is unknown")
+        names = checked_names(runs, "runs"), checked_names(probes, "probes")
+        listed = checked_orders(orders)
+        z = as_numbers(vectors, "vectors", complex)
+        present = measured_cells(z, conditions, len(names[1]), len(listed))
+        index = checked_runs(run, names[0], conditions)
+        deviation = None if sigma is None else checked_sigma(sigma, present)
         return cls(
-            runs, probes, orders, index, repeat or ("",) * len(vectors), conditions, np.where(present, vectors, 0.0),
-            present,
-            deviation,
-            "unknown" if sigma is None else "given", knowledge,
+            *names, listed, index, checked_repeat(repeat, len(z)), conditions, np.where(present, z, 0.0), present,
+            deviation, "unknown" if sigma is None else "given", knowledge,
         )  # fmt: skip
 
     @classmethod

@@ -4,9 +4,8 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
@@ -18,8 +17,7 @@ from rotorjax.inference.data import Data, make_data, residual_vectors
 from rotorjax.inference.descent import End
 from rotorjax.inference.noise import NO_NOISE, Noise, independent_numbers, misfit_of, run_floor
 from rotorjax.inference.space import Space, make_space
-from rotorjax.model.conditions import Layout
-from rotorjax.model.contract import AbstractRotor, Effect, Family, Instant, RestoringEffect, SweepEffect
+from rotorjax.model.contract import Effect, SweepEffect
 from rotorjax.model.model import Model
 
 FITS = 5.0
@@ -199,52 +197,6 @@ class Contest:
         return dataclasses.replace(self.measurement, present=self.measurement.present & self.training[:, None, None])
 
 
-def check_catalog(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor) -> None:
-    """Refuse a catalogue that would lose an effect on the way, or one whose force is no force.
-
-    **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family
-    that there is not, for a form of parameters that it does not have, and for a force that is not two finite numbers at
-    rest.
-    """
-    for key, cls in catalog.items():
-        if not isinstance(cls, type):
-            raise ValueError(f"catalog[{key!r}] is an effect: hand over its class, without parentheses")
-        if cls.name != key:
-            raise ValueError(
-                f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: "
-                f"{cls.__name__}}}"
-            )
-        if cls.family not in get_args(Family):
-            raise ValueError(f"{key}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
-        _check_forms(cls)
-        if issubclass(cls, RestoringEffect) and key not in CATALOG:
-            _check_force(cls, rotor)
-
-
-def _check_forms(cls: type[Effect]) -> None:
-    layout = Layout()
-    labels = [label for p in cls.parameters() for label in p.labels(layout)]
-    for form in cls.forms(layout, np.array([0.0, 0.5 * math.pi])):
-        for label in (label for direction in form for label in direction if label not in labels):
-            raise ValueError(f"{cls.name}: forms() names {label!r}; its parameters are {', '.join(labels)}")
-
-
-def _check_force(cls: type[RestoringEffect], rotor: AbstractRotor) -> None:
-    none = jnp.zeros(2)
-    at_rest = Instant(rotor, jnp.asarray(100.0), jnp.asarray(0.0), none, none, none)
-    scales = [p.prior_scale(rotor) for p in cls.parameters()]
-    for effect in (cls(), cls(*scales) if not any(p.axes for p in cls.parameters()) else cls()):
-        force = jnp.asarray(effect.force(at_rest))
-        if force.shape != (2,):
-            raise ValueError(
-                f"{cls.name}: its force has shape {force.shape}; return (f_x, f_y) in N, like jnp.stack([f_x, f_y])"
-            )
-        if not bool(jnp.all(jnp.isfinite(force))):
-            raise ValueError(
-                f"{cls.name}: its force on a rotor at rest is {force}; keep it finite there, zero over zero included"
-            )
-
-
 def make_contest(
     model: Model,
     measurement: Measurement,
@@ -255,11 +207,13 @@ def make_contest(
     """All candidates at their null beside the model's own effects. That nothing is missing is as probable beforehand as
     that one of them is, which the families share alike, then the members of each.
 
-    Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same.
+    Every effect of the catalogue is in the space, candidate or not: the compiled code is then the same. So is what is
+    declared uncertain, whatever the catalogue.
     """
-    full = model.with_orders(measurement.orders).in_company(catalog.values())
-    space = make_space(full, measurement.knowledge)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
+    classes = {name: CATALOG[name] for name in uncertain if name in CATALOG} | dict(catalog)
+    full = model.with_orders(measurement.orders).in_company(classes.values())
+    space = make_space(full, measurement.knowledge)
     possible = tuple(
         name for name in catalog if name in set(candidates) and name not in model and name not in uncertain
     )

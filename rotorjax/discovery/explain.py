@@ -14,13 +14,14 @@ from rotorjax.data.names import several
 from rotorjax.discovery.answers import Answer, MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
-from rotorjax.discovery.contest import Contest, check_catalog, make_contest
+from rotorjax.discovery.contest import Contest, make_contest
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.mistakes import race_of_mistakes
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
+from rotorjax.discovery.own_effects import check_catalog
 from rotorjax.discovery.polished import fit_of, fits_of_steps
 from rotorjax.discovery.progress import Progress, Telling
 from rotorjax.discovery.screening import as_stated
@@ -80,7 +81,7 @@ def explain(  # noqa: PLR0913
     """
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
-    check_catalog(catalog, full.rotor)
+    check_catalog(catalog, full.with_orders(measurement.orders))
     candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
     measurement.require_probes(full.layout.probes)
     if measurement.rms == 0.0:

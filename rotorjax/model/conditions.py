@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from rotorjax.arrays import Numbers, as_float, is_known
+from rotorjax.arrays import AnyArray, Numbers, as_float, is_known
 from rotorjax.units import RPM
 
 Axis = Literal["probe", "order", "plane"]
@@ -53,6 +53,17 @@ class HarmonicBalance(NamedTuple):
     """Growth of a step of the final refinement, over the smallest so far, at which it ends."""
 
 
+def _along_x_and_y(value: Numbers, what: str) -> AnyArray:
+    """The value as an array of pairs, zero for none."""
+    array = np.asarray(value) if is_known(value) else jnp.asarray(value)
+    if np.issubdtype(array.dtype, np.complexfloating):
+        raise ValueError(f"{what} is complex: write u as a pair along x and y, np.stack([u.real, u.imag], axis=-1)")
+    if array.shape[-1:] == (2,) or (array.ndim == 0 and is_known(array) and not array):
+        return array
+    shown = "one number" if array.ndim == 0 else f"of shape {array.shape}"
+    raise ValueError(f"{what} is {shown}: its last axis is a pair along x and y, as in {what}=[3e-5, 0.0]")
+
+
 class Conditions(eqx.Module):
     """Operating conditions: how fast, and what is deliberately installed. Make one with `Conditions.at`."""
 
@@ -74,12 +85,14 @@ class Conditions(eqx.Module):
         **Arguments:** ``speed`` [rad/s], a number or an array; ``unbalance`` [kg m], last axes (plane, dof), or
         (dof,) for a single plane; ``bow`` [m], last axis (dof,); ``sweep`` [rad/s²]. They are repeated over the speeds
         where needed.
+        **Errors.** ``ValueError`` for an unbalance or a bow that is complex, or not a pair along x and y.
         """
         # For numbers nothing need be compiled.
         numbers, array = (
             (np, np.asarray) if is_known(speed, unbalance, bow, 0.0 if sweep is None else sweep) else (jnp, as_float)
         )
-        omega, mass_distance, offset = numbers.atleast_1d(array(speed)), array(unbalance), array(bow)
+        omega = numbers.atleast_1d(array(speed))
+        mass_distance, offset = (_along_x_and_y(v, what) for v, what in ((unbalance, "unbalance"), (bow, "bow")))
         if mass_distance.ndim < 2:
             mass_distance = numbers.broadcast_to(mass_distance, (1, 2))
         planes = mass_distance.shape[-2:]

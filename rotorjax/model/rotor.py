@@ -6,7 +6,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import Tracer
 from jaxtyping import Float
 
 from rotorjax.arrays import Numbers, as_float, is_known
@@ -19,6 +18,19 @@ def _pair(value: Numbers) -> Array:
     return jnp.stack([pair, pair]) if pair.ndim == 0 else pair
 
 
+def _require_finite(what: str, value: Array, unit: str) -> None:
+    if is_known(value) and not np.all(np.isfinite(np.asarray(value))):
+        raise ValueError(f"{what} of a rotor is {np.asarray(value).tolist()}: give finite numbers [{unit}]")
+
+
+def _squared(critical_speed_rpm: Numbers) -> Array:
+    """Square of a critical speed [rad²/s²]."""
+    speed = as_float(critical_speed_rpm)
+    if is_known(speed) and not np.all(np.isfinite(np.asarray(speed)) & (np.asarray(speed) > 0.0)):
+        raise ValueError(f"critical_speed_rpm is {np.asarray(speed).tolist()}: it must be positive and finite")
+    return (speed * RPM) ** 2
+
+
 class Jeffcott(AbstractRotor):
     """A disk of mass M on a light shaft: M q̈ + C q̇ + K q = F, C and K diagonal with unequal entries.
 
@@ -29,8 +41,8 @@ class Jeffcott(AbstractRotor):
     both; ``gravity`` [m/s²] along x and y, zero for a vertical shaft; ``rotation``: sense of rotation;
     ``bow_through_damping``: the damper stands in series with the bent shaft, as bearings do, and a bow drives
     through K + iωC instead of K (the paper's equation).
-    **Errors.** ``ValueError`` for mass or stiffness that is not positive, or a negative damping ratio, where
-    these are known numbers.
+    **Errors.** ``ValueError`` for other shapes; where these are known numbers, for mass or stiffness that is not
+    positive, a negative damping ratio, and any of them or gravity that is not finite.
     """
 
     mass: Float[Array, ""] = eqx.field(converter=as_float)
@@ -48,11 +60,20 @@ class Jeffcott(AbstractRotor):
                 f"stiffness and damping ratio have shapes {self.stiffness.shape} and {self.damping_ratio.shape}: "
                 "give one number, or one along x and one along y"
             )
-        if isinstance(self.mass, Tracer) or isinstance(self.stiffness, Tracer):
-            return
-        if not (float(self.mass) > 0.0 and np.all(np.asarray(self.stiffness) > 0.0)):
+        if self.mass.shape != () or self.gravity.shape != (2,):
+            raise ValueError(
+                f"mass and gravity have shapes {self.mass.shape} and {self.gravity.shape}: the mass is one number "
+                "[kg], gravity one along x and one along y [m/s²], as in [0.0, -9.81]"
+            )
+        _require_finite("mass", self.mass, "kg")
+        _require_finite("stiffness", self.stiffness, "N/m")
+        _require_finite("damping ratio", self.damping_ratio, "a share of the critical damping, as in 0.02")
+        _require_finite("gravity", self.gravity, "m/s², zero for a vertical shaft")
+        if is_known(self.mass, self.stiffness) and not (
+            float(self.mass) > 0.0 and np.all(np.asarray(self.stiffness) > 0.0)
+        ):
             raise ValueError("mass [kg] and stiffness [N/m] of a rotor must be positive")
-        if not isinstance(self.damping_ratio, Tracer) and not np.all(np.asarray(self.damping_ratio) >= 0.0):
+        if is_known(self.damping_ratio) and not np.all(np.asarray(self.damping_ratio) >= 0.0):
             raise ValueError(
                 "a damping ratio must not be negative: write an unstable rotor with cross_coupling or internal_damping"
             )
@@ -79,8 +100,11 @@ class Jeffcott(AbstractRotor):
     def from_critical_speed(
         cls, *, mass: Numbers, critical_speed_rpm: Numbers, damping_ratio: Numbers, **settings: Any
     ) -> "Jeffcott":
-        """The rotor whose undamped critical speeds along x and y are these: k = M ω²."""
-        stiffness = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2
+        """The rotor whose undamped critical speeds along x and y are these: k = M ω².
+
+        **Errors.** ``ValueError`` for a critical speed that is not positive, and as for the rotor.
+        """
+        stiffness = as_float(mass) * _squared(critical_speed_rpm)
         return cls(mass, stiffness, damping_ratio, **settings)  # pyright: ignore
 
 
@@ -92,9 +116,10 @@ def in_series(*stiffnesses: Numbers) -> Float[Array, "*dof"]:
 def bearing_stiffness(*, critical_speed_rpm: Numbers, mass: Numbers, shaft_stiffness: Numbers) -> Float[Array, "*dof"]:
     """Bearings' stiffness from a measured first critical speed: 1/k_b = 1/(M ω²) - 1/k_s [N/m].
 
-    **Errors.** ``ValueError`` where the critical speed is as high as that of the shaft in rigid bearings, or higher.
+    **Errors.** ``ValueError`` for a critical speed that is not positive, and where it is as high as that of the shaft
+    in rigid bearings, or higher.
     """
-    whole, shaft = as_float(mass) * (as_float(critical_speed_rpm) * RPM) ** 2, as_float(shaft_stiffness)
+    whole, shaft = as_float(mass) * _squared(critical_speed_rpm), as_float(shaft_stiffness)
     if not np.all(np.asarray(whole) < np.asarray(shaft)):
         raise ValueError(
             f"M ω² = {np.max(np.asarray(whole)):.5g} N/m reaches the shaft's own stiffness: check mass, critical speed "

@@ -5,7 +5,21 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Knowledge, Measurement, Model, Probes, compare, effects, fit, response
+from rotorjax import (
+    Conditions,
+    Jeffcott,
+    Knowledge,
+    Layout,
+    Measurement,
+    Model,
+    Probes,
+    compare,
+    diagnose,
+    effects,
+    explain,
+    fit,
+    response,
+)
 from rotorjax.data.measurement import cluster_speeds
 from rotorjax.discovery.compare import compare_vectors
 from rotorjax.inference.data import make_folds
@@ -89,6 +103,34 @@ def test_probes_must_match(paper_rotor):
         fit(model + effects.ResidualBow(), measurement_of([[[1e-6], [1e-6]]]))
 
 
+def test_planes_must_match():
+    """Weights meant case by case, and one weight on a rotor of two planes: neither is repeated in silence."""
+    weights = np.array([[0.0, 0.0], [3e-5, 0.0], [0.0, 3e-5]])
+    rows, cases = (Conditions.at_rpm([1000.0] * 3, unbalance=u) for u in (weights, weights[:, None]))
+    assert len(set(np.asarray(response(ROTOR, cases))[:, 0, 0].tolist())) == 3
+    for model in (ROTOR, ROTOR + effects.Duffing(1e9)):
+        with pytest.raises(ValueError, match=r"for 3 planes, the model has 1: .* u\[:, None\]"):
+            response(model, rows)
+    two = Model(ROTOR, participation=[1.0, 0.5], layout=Layout(planes=("a", "b")))
+    measurement = Measurement.from_arrays(
+        np.full((3, 2, 1), 1e-6 + 0j), cases, run=np.arange(3), runs=("none", "x", "y"), sigma=1e-6
+    )
+    for ask in (compare, diagnose, lambda *given: explain(*given, only=["residual_unbalance"])):
+        with pytest.raises(ValueError, match="for 1 plane, the model has 2: give a pair"):
+            ask(two, measurement)
+
+
+@pytest.mark.parametrize("what", ["unbalance", "bow"])
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(3e-5, "one number: its last axis"), (3e-5j, "complex: write u as"), ([1.0, 2.0, 3.0], r"of shape \(3,\)")],
+)
+def test_what_is_installed_is_a_pair_along_x_and_y(what, value, words):
+    with pytest.raises(ValueError, match=f"{what} is {words}"):
+        Conditions.at([100.0], **{what: value})
+    assert not np.any(getattr(Conditions.at([100.0], **{what: 0}), what))
+
+
 def test_speeds_within_two_percent_are_one():
     index, speeds = cluster_speeds(np.array([1500.0, 1001.0, 1000.0, 1510.0, 1019.0]))
     np.testing.assert_array_equal(index, [1, 0, 0, 1, 0])
@@ -106,7 +148,8 @@ def test_folds():
     assert "2 runs at 1 speed leave" in reason
     assert folds(measurement_of(np.ones((4, 2, 1))))[0].sum() == 4
     # Of five runs named two have a case: that is no fold over runs.
-    gaps = measurement_of(np.ones((6, 2, 1)), runs=[0, 0, 0, 4, 4, 4], speeds=np.tile([1000.0, 1200.0, 1400.0], 2))
+    gaps = measurement_of(np.ones((6, 2, 1)), runs=[0, 0, 0, 1, 1, 1], speeds=np.tile([1000.0, 1200.0, 1400.0], 2))
+    gaps = dataclasses.replace(gaps, run=4 * gaps.run, runs=tuple("abcde"))
     assert [list(fold.nonzero()[0]) for fold in folds(gaps)[0]] == [[0, 3], [1, 4], [2, 5]]
 
 

@@ -71,19 +71,78 @@ def test_from_arrays_fills_in_what_is_usual(measured):
     assert m.present.all()
     assert m.sigma is not None
     assert m.sigma.shape == m.vectors.shape
-    assert Measurement.from_arrays(m.vectors, m.conditions).runs == ("run",)
-    assert Measurement.from_arrays(m.vectors, m.conditions).noise == "unknown"
-    missing = np.where(np.arange(len(m.vectors))[:, None, None] == 0, np.nan, m.vectors)
-    assert not Measurement.from_arrays(missing, m.conditions).present[0].any()
+    first, conditions = m.vectors[: len(SPEEDS)], Conditions.at_rpm(SPEEDS)
+    assert Measurement.from_arrays(first, conditions).runs == ("run",)
+    assert Measurement.from_arrays(first, conditions).noise == "unknown"
+    missing = np.where(np.arange(len(SPEEDS))[:, None, None] == 0, np.nan, first)
+    assert not Measurement.from_arrays(missing, conditions).present[0].any()
     with pytest.raises(ValueError, match="vectors have shape"):
         Measurement.from_arrays(m.vectors[:5], m.conditions)
     for sigma in (0.0, np.nan, np.where(np.arange(len(m.vectors))[:, None, None] == 1, -1.0, m.sigma)):
         with pytest.raises(ValueError, match="sigma must be positive"):
-            Measurement.from_arrays(m.vectors, m.conditions, sigma=sigma)
+            Measurement.from_arrays(m.vectors, m.conditions, run=m.run, runs=RUNS, sigma=sigma)
     with pytest.raises(ValueError, match="nothing was measured"):
         Measurement.from_arrays(np.full_like(m.vectors, np.nan), m.conditions)
     with pytest.raises(ValueError, match="run 2 is not among"):
         Measurement.from_arrays(m.vectors, m.conditions, run=np.full(len(m.vectors), 2), runs=RUNS)
+
+
+def test_from_arrays_takes_lists(measured):
+    _, m = measured
+    run = [0] * len(SPEEDS) + [1] * len(SPEEDS)
+    listed = Measurement.from_arrays(
+        m.vectors.tolist(),
+        m.conditions,
+        run=run,
+        runs=["a", "b"],
+        probes=["X", "Y"],
+        orders=[1],
+        repeat=["r"] * len(run),
+    )
+    assert (listed.runs, listed.probes, listed.orders) == (("a", "b"), ("X", "Y"), (1.0,))
+    assert listed.repeat == ("r",) * len(run)
+    np.testing.assert_array_equal(listed.vectors, m.vectors)
+    np.testing.assert_array_equal(listed.run, m.run)
+    listed.require_probes(("X", "Y"))
+
+
+def test_a_run_has_one_weight(measured):
+    _, m = measured
+    with pytest.raises(ValueError, match="run 'run' holds different installed unbalance or bow: give each its own run"):
+        Measurement.from_arrays(m.vectors, m.conditions)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"run": [0.0] * 5 + [1.0] * 5}, r"type float64: give each of 10 cases the index"),
+        ({"run": [0, 1]}, r"run has shape \(2,\)"),
+        ({"run": [0] * 9 + [-1]}, "run -1 is not among a, b"),
+        ({"runs": ("a", "b", "c")}, "run 'c' has no case: leave it out of runs"),
+        ({"runs": "run"}, "runs is 'run': write a list"),
+        ({"runs": ("a", "a")}, "runs names 'a' twice"),
+        ({"probes": ("X", "X")}, "probes names 'X' twice"),
+        ({"orders": 1.0}, "orders is 1.0: write a list"),
+        ({"orders": (np.nan,)}, "orders holds nan"),
+        ({"orders": (1.0, 1)}, "orders names 1.0 twice"),
+        ({"repeat": ("1", "2")}, "repeat has 2 labels for 10 cases"),
+        ({"sigma": np.ones(3)}, r"sigma has shape \(3,\): give one number, or an array like the vectors"),
+        ({"sigma": "small"}, "sigma is no array of float numbers"),
+        ({"vectors": [[1.0], [1.0, 2.0]]}, "vectors is no array of complex numbers"),
+    ],
+)
+def test_from_arrays_says_what_is_wrong(measured, given, words):
+    _, m = measured
+    usual = {"vectors": m.vectors, "conditions": m.conditions, "run": m.run, "runs": ("a", "b")}
+    with pytest.raises(ValueError, match=words):
+        Measurement.from_arrays(**(usual | given))
+
+
+@pytest.mark.parametrize("speed", [np.nan, np.inf, 0.0, -900.0])
+def test_from_arrays_refuses_a_speed_that_cannot_be(measured, speed):
+    _, m = measured
+    with pytest.raises(ValueError, match=r"the speed of case 1 is .*: it must be positive and finite"):
+        Measurement.from_arrays(m.vectors[:2], Conditions.at_rpm([900.0, speed]))
 
 
 def test_summaries_say_what_the_command_line_says(found, story, measured):

@@ -7,11 +7,28 @@ import jax.numpy as jnp
 import pytest
 from jax import Array
 
-from rotorjax import Instant, RestoringEffect, effects, parameter, read_measurement, read_rig
-from rotorjax.discovery.contest import check_catalog, make_contest
+from rotorjax import (
+    Instant,
+    Layout,
+    Matrices,
+    MatrixEffect,
+    Model,
+    OperatingPoint,
+    Probes,
+    Reading,
+    ReadingEffect,
+    RestoringEffect,
+    effects,
+    parameter,
+    read_measurement,
+    read_rig,
+)
+from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import _pruned
+from rotorjax.discovery.own_effects import check_catalog, check_effect
 from rotorjax.discovery.race import Scored, race
 from rotorjax.discovery.search import PRICE, begin, neighbours, ranking, retold, select
+from rotorjax.effects.terms import TERMS
 from rotorjax.model.parameters import Parameter
 
 CANDIDATES = ("a", "b", "c", "d")
@@ -61,6 +78,19 @@ def test_another_answer_that_begins_with_the_same_effect_has_steps_of_its_own():
         assert answer.present == effects_there
         for count, (step, name) in enumerate(zip(answer.races[:-1], answer.effects, strict=True)):
             assert frozenset({*answer.effects[:count], name}) in step.contenders
+
+
+def test_a_cut_down_catalogue_keeps_what_is_declared_uncertain():
+    with as_file(files("rotorjax") / "data" / "example") as folder:
+        rig = read_rig(folder / "rig.toml")
+        measurement = read_measurement(folder / "measurement.csv", rig)
+    names = ("residual_unbalance", "cross_coupling")
+    whole = make_contest(rig.model, measurement, names)
+    cut = make_contest(rig.model, measurement, names, {name: effects.CATALOG[name] for name in names})
+    freed = [{(e.effect, e.label) for e in c.space.entries if e.declared_uncertain} for c in (whole, cut)]
+    assert freed[0] == freed[1] != set()
+    assert cut.candidates == whole.candidates
+    assert cut.free(frozenset()).sum() == whole.free(frozenset()).sum()
 
 
 def test_a_catalogue_that_would_lose_an_effect_is_refused(paper_rotor):
@@ -114,6 +144,86 @@ def test_an_effect_of_ones_own_is_checked_before_it_is_fitted(cls, words, paper_
     check_catalog({"mine": Mine}, paper_rotor)
     with pytest.raises(ValueError, match=words):
         check_catalog({"mine": cls}, paper_rotor)
+
+
+class Root(Mine):
+    def force(self, instant: Instant) -> Array:
+        return -jnp.sqrt(self.size_n) * instant.position
+
+
+class AlwaysThere(Mine):
+    def force(self, instant: Instant) -> Array:
+        return (1.0 + self.size_n) * instant.position
+
+
+class WithoutScale(Mine):
+    size_n: Array = parameter("size", scale=0.0, of="force")
+
+
+class Bare(MatrixEffect):
+    """Matrices without saying which."""
+
+    name: ClassVar[str] = "mine"
+    family: ClassVar[str] = "structure"
+    meaning: ClassVar[str] = "anything"
+    source: ClassVar[str] = "none"
+    share: Array = parameter("share", scale=0.1)
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return self.share * point.rotor.mass * jnp.eye(2)
+
+
+class Scalar(Bare):
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(mass=self.share * point.rotor.mass)
+
+
+class RootOfMass(Bare):
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(mass=jnp.sqrt(self.share) * point.rotor.mass * jnp.eye(2))
+
+
+class Sound(Bare):
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(mass=(jnp.exp(self.share) - 1.0) * point.rotor.mass * jnp.eye(2))
+
+
+class Silent(ReadingEffect):
+    """A gain of zero at zero."""
+
+    name: ClassVar[str] = "mine"
+    family: ClassVar[str] = "reading"
+    meaning: ClassVar[str] = "anything"
+    source: ClassVar[str] = "none"
+    gain: Array = parameter("gain", scale=0.1)
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        return Reading(gain=self.gain)
+
+
+@pytest.mark.parametrize(
+    ("cls", "words"),
+    [
+        (Root, r"mine: force\(\) has no finite slope by size_n at zero"),
+        (RootOfMass, r"mine: matrices\(\) has no finite slope by share at zero"),
+        (AlwaysThere, r"mine: force\(\) is \[.*\] where all parameters are zero: zero must mean"),
+        (Silent, r"mine: reading\(\) is 0.0 where all parameters are zero: .* 1.0 there"),
+        (WithoutScale, "mine: the prior scale of size_n is 0: give a scale above zero"),
+        (Bare, r"mine: matrices\(\) returns \w+: return a Matrices\(mass=...\) of rotorjax"),
+        (Scalar, r"mine: matrices\(\) returns mass of shape \(\); its shape must be \(2, 2\)"),
+    ],
+)
+def test_an_effect_that_would_spoil_the_search_is_refused_by_name(cls, words, paper_rotor):
+    check_catalog({"mine": Sound}, paper_rotor)
+    with pytest.raises(ValueError, match=words):
+        check_catalog({"mine": cls}, paper_rotor)
+
+
+def test_the_effects_of_the_package_keep_the_rules(paper_rotor):
+    layout = Layout(("X", "Y", "Z"), ("a", "b"))
+    probes = Probes(jnp.array([0.0, 1.5, 3.0]), jnp.ones(3), jnp.zeros(3))
+    for cls in {**effects.CATALOG, **TERMS}.values():
+        check_effect(cls, Model(paper_rotor, probes, [1.0, 0.5], layout=layout))
 
 
 def test_a_scale_that_the_rig_lacks_is_named(paper_rotor):
