@@ -18,7 +18,7 @@ from rotorjax.data.given_arrays import (
     measured_cells,
 )
 from rotorjax.errors import InputError
-from rotorjax.model.conditions import Conditions
+from rotorjax.model.conditions import Conditions, Layout
 from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
 
@@ -173,12 +173,15 @@ class Measurement(Shown):
         text = frame.rename(columns={name: COLUMN[name] for name in named}).to_csv(index=False)
         return rig.measurement_of_text(text, "the data frame")
 
-    def require_probes(self, probes: tuple[str, ...]) -> None:
-        """``ValueError`` unless these, the model's, are the probes of the measurement, in the same order."""
-        if probes != self.probes:
+    def require_layout(self, layout: Layout) -> None:
+        """``ValueError`` unless the probes of the measurement are the model's, in the same order, and the weights are
+        given for its planes.
+        """
+        if layout.probes != self.probes:
             raise ValueError(
-                f"the model has probes {probes}, the measurement {self.probes}: build both from one rig file"
+                f"the model has probes {layout.probes}, the measurement {self.probes}: build both from one rig file"
             )
+        layout.require_planes(self.conditions.unbalance.shape[-2])
 
     @property
     def probes_read(self) -> tuple[str, ...]:

@@ -113,10 +113,10 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
 
     Residual z - z_model per run, speed, probe and order. **Arguments:** ``model``, or a rotor alone;
     ``measurement``. Nothing is fitted: that is `fit`. **Returns** a `Comparison`.
-    **Errors.** ``ValueError`` if the probes differ.
+    **Errors.** ``ValueError`` if the probes or the number of planes differ.
     """
     full = model if isinstance(model, Model) else Model(model)
-    measurement.require_probes(full.layout.probes)
+    measurement.require_layout(full.layout)
     predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
     require_steady(predicted, measurement)
     return compare_vectors(predicted, measurement, full.with_orders(measurement.orders))

@@ -77,13 +77,13 @@ def explain(  # noqa: PLR0913
     force alone; where it is reached the verdict is "undecided" or "unexplained", with what was not tried; ``progress``:
     called with a line of text at every stage, and while it goes on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
-    for a measurement with other probes.
+    for a measurement with other probes or planes.
     """
     require_float64("explain")
     full = model if isinstance(model, Model) else Model(model)
+    measurement.require_layout(full.layout)
     check_catalog(catalog, full.with_orders(measurement.orders))
     candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
-    measurement.require_probes(full.layout.probes)
     if measurement.rms == 0.0:
         candidates, kinds = [], []  # a gain of zero would explain it all
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)

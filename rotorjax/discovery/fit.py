@@ -207,7 +207,7 @@ def _stage(
 ) -> Stage:
     """The model in the company, at their null, of all that might be freed."""
     require_float64("fit")
-    measurement.require_probes(model.layout.probes)
+    measurement.require_layout(model.layout)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     own = {e.name: type(e) for e in everything.effects}
     # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.

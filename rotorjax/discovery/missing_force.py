@@ -113,11 +113,11 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
 
     **Arguments:** ``model``: the best explanation so far; ``measurement``; ``noise_allowance``: added to the standard
     errors of the table [m]. **Returns** a `MissingForce`, with the reason if nothing can be said.
-    **Errors.** ``ValueError`` in single precision, or for a measurement with other probes.
+    **Errors.** ``ValueError`` in single precision, or for a measurement with other probes or planes.
     Source: Mottershead, Friswell 1993, J. Sound Vib. 167:347-375, section 4 (equation error).
     """
     require_float64("missing_force")
-    measurement.require_probes(model.layout.probes)
+    measurement.require_layout(model.layout)
     full = model.with_orders(measurement.orders)
     grid = grid_of(full)
     rotor = LinearRotor(full)

@@ -29,6 +29,16 @@ class Layout(NamedTuple):
             return self.planes[1:]
         return tuple(f"{order:g}X" for order in self.orders)
 
+    def require_planes(self, given: int) -> None:
+        """``ValueError`` unless conditions give the unbalance of this many planes."""
+        planes = len(self.planes)
+        if given != planes:
+            raise ValueError(
+                f"unbalance is given for {given} plane{'s' * (given != 1)}, the model has {planes}: give a pair along "
+                "x and y for each, zeros where nothing is installed; where it differs per case, axes (case, plane, "
+                "dof), which for one plane is u[:, None]"
+            )
+
 
 class HarmonicBalance(NamedTuple):
     """How finely the steady state is balanced under nonlinear forces."""

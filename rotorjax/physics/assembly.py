@@ -159,12 +159,6 @@ def point_at(model: Model, condition: Conditions, order: Array, index: Array) ->
 
     **Errors.** ``ValueError`` where the conditions have another number of planes than the model.
     """
-    given, planes = condition.unbalance.shape[-2], len(model.layout.planes)
-    if given != planes:
-        raise ValueError(
-            f"unbalance is given for {given} plane{'s' * (given != 1)}, the model has {planes}: give a pair along x "
-            "and y for each, zeros where nothing is installed; where it differs per case, axes (case, plane, dof), "
-            "which for one plane is u[:, None]"
-        )
+    model.layout.require_planes(condition.unbalance.shape[-2])
     unbalance = condition.unbalance * model.participation[:, None]
     return OperatingPoint(model.rotor, condition.speed, order, index, unbalance, condition.bow)

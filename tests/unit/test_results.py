@@ -103,7 +103,7 @@ def test_from_arrays_takes_lists(measured):
     assert listed.repeat == ("r",) * len(run)
     np.testing.assert_array_equal(listed.vectors, m.vectors)
     np.testing.assert_array_equal(listed.run, m.run)
-    listed.require_probes(("X", "Y"))
+    listed.require_layout(Layout(("X", "Y")))
 
 
 def test_a_run_has_one_weight(measured):
