@@ -53,9 +53,11 @@ def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float)
     """Where to begin: the values given, every start that a free effect declares, then combinations, at most
     `MOST_STARTS`.
 
-    **Arguments:** ``reach``: largest displacement measured [m], where starts are relative to it; the sag under the
-    weight comes on top where order 0 was not measured.
+    **Arguments:** ``reach``: largest displacement in the table [m]; starts are relative to that of the disk, which is as
+    many times smaller as the table's scale is too large, and the sag under the weight comes on top where order 0 was
+    not measured.
     """
+    reach /= float(space.model.probes.scale)
     names = {e.effect for e in space.entries if free[e.unknown]}
     if 0.0 not in space.model.layout.orders:
         rotor = space.model.rotor

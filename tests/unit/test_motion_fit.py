@@ -99,6 +99,19 @@ def test_where_a_force_is_gone_the_sizes_of_those_that_stay_are_found_anew(sprin
     assert beside.motions is known[both].best.motions
 
 
+def test_starts_are_relative_to_the_motion_of_the_disk_whatever_the_scale_of_the_table(spring):
+    """Converted from mil twice, a table shows 25.4 times what the disk does: a gap begins within its motion."""
+    model, measurement, *_ = spring
+    probes = dataclasses.replace(model.probes, scale=25.4)
+    with_mistake = dataclasses.replace(model, probes=probes)
+    one, other = (make_contest(m, measurement, ["clearance"]) for m in (model, with_mistake))
+    free = one.free(frozenset({"clearance"}))
+    right, large = (
+        declared_starts(contest.space, free, k * measurement.reach) for contest, k in ((one, 1.0), (other, 25.4))
+    )
+    np.testing.assert_allclose(large, right, rtol=1e-12)
+
+
 def test_slopes_are_those_of_the_response(spring):
     """At a motion that balances, the slopes are the derivative of the response, motion and all."""
     _, measurement, space, data, true = spring
