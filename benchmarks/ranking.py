@@ -151,7 +151,7 @@ def rank_with_scipy(contest: Contest, model: Model) -> tuple[dict[str, float], i
             return np.concatenate([error.real, error.imag, u])
 
         best = np.inf
-        for start in declared_starts(contest.space, mask, measurement.reach):
+        for start in declared_starts(contest.space, mask, measurement):
             found = least_squares(
                 residual, start[mask], method="trf", x_scale="jac", ftol=1e-4, xtol=1e-10, gtol=1e-10, max_nfev=60
             )

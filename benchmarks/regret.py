@@ -91,7 +91,7 @@ class Reached(NamedTuple):
 def from_declared(contest: Contest, noise: Noise, hypothesis: Effects) -> Reached:
     """From the starts that the effects declare, with nothing known."""
     free = contest.free(hypothesis)
-    starts = starts_at(declared_starts(contest.space, free, contest.measurement.reach))
+    starts = starts_at(declared_starts(contest.space, free, contest.measurement))
     return _descended(contest, noise, free, starts, contest.space.given_unknowns(), QUICK)
 
 

@@ -227,11 +227,6 @@ class Measurement(Shown):
         half = np.array([is_half_order(order) for order in self.orders])
         return np.where(half & (along < 0.0), -1.0, 1.0)
 
-    @property
-    def reach(self) -> float:
-        """Largest displacement that all orders and probes of a case add up to, at least 1e-9 [m]."""
-        return max(float(np.max(np.linalg.norm(np.sum(np.abs(self.vectors), axis=2), axis=1))), 1e-9)
-
     def speed_cluster(self) -> tuple[Int[np.ndarray, "case"], Float[np.ndarray, "speed"]]:
         """Cluster index of every case, and the mean speed of each cluster [rpm]."""
         return cluster_speeds(self.speed_rpm)

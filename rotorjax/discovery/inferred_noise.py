@@ -103,7 +103,7 @@ def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | N
     **Arguments:** ``own``: starts in the place of those declared; ``ahead``: what other models reached.
     """
     measurement, ahead = stage.measurement, ahead or Ahead()
-    starts = own or starts_at(declared_starts(stage.space, stage.free, measurement.reach))
+    starts = own or starts_at(declared_starts(stage.space, stage.free, measurement))
     most = max(measurement.rms, LEAST_NOISE)
     floor = 0.0 if measurement.sigma is not None else max(NOISE_FLOOR * measurement.rms, LEAST_NOISE)
     hopeless = ahead.hopeless_cost(measurement)

@@ -154,9 +154,9 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
         here = np.where(mask, parent.best.point, contest.space.given_unknowns())
         # A parent's motion is near unless a force, whose size is to be found first, changes it.
         same = Start.at(parent.best) if not (effects ^ parent.effects) & contest.coupled else Start(here)
-        declared = declared_starts(contest.space, new, contest.measurement.reach)
+        declared = declared_starts(contest.space, new, contest.measurement)
         starts += [same._replace(point=np.where(new & (start != 0.0), start, here)) for start in declared]
-    starts = starts or starts_at(declared_starts(contest.space, mask, contest.measurement.reach))
+    starts = starts or starts_at(declared_starts(contest.space, mask, contest.measurement))
     distinct: list[Start] = []
     for start in starts:
         if not any(np.allclose(start.point, other.point, atol=1e-3) for other in distinct):

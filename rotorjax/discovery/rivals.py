@@ -56,7 +56,7 @@ def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str
     free = space.free([*others, instead] if instead else others) & ~own
     from_here = fitted.end.point.copy()
     from_here[own] = 0.0
-    starts = declared_starts(space, free, fitted.stage.measurement.reach)
+    starts = declared_starts(space, free, fitted.stage.measurement)
     starts = np.concatenate([np.where(starts != 0.0, starts, from_here), starts])
     null = np.where(own, 0.0, space.given_unknowns())
     training = np.ones((len(starts), len(fitted.stage.measurement.run)), bool)

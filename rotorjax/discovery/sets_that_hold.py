@@ -83,7 +83,7 @@ def beside_all_linear(contest: Contest) -> dict[Effects, End]:
     given, starts, owner = contest.space.given_unknowns(), [], []
     for name in (name for name in contest.candidates if name in contest.coupled):
         own = contest.only_of([name])
-        for start in declared_starts(contest.space, own, contest.measurement.reach):
+        for start in declared_starts(contest.space, own, contest.measurement):
             starts.append(np.where(own & (start != 0.0), start, given))
             owner.append(frozenset({name}))
     if not starts:

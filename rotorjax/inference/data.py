@@ -49,15 +49,26 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     )  # fmt: skip
 
 
-def declared_starts(space: Space, free: Bool[np.ndarray, "param"], reach: float) -> Float[np.ndarray, "start param"]:
+def largest_displacement(model: Model, measurement: Measurement) -> float:
+    """Of the disk, all orders of a case and both directions added up, at least 1e-9 [m]: what a probe shows over its
+    participation and the scale of the table.
+    """
+    per_displacement = np.abs(np.asarray(model.probes.scale * model.probes.participation))
+    seen = per_displacement > 0.0
+    of_disk = np.sum(np.abs(measurement.vectors), axis=2)[:, seen] / per_displacement[seen]
+    return max(float(np.max(np.linalg.norm(of_disk, axis=1), initial=0.0)), 1e-9)
+
+
+def declared_starts(
+    space: Space, free: Bool[np.ndarray, "param"], measurement: Measurement
+) -> Float[np.ndarray, "start param"]:
     """Where to begin: the values given, every start that a free effect declares, then combinations, at most
     `MOST_STARTS`.
 
-    **Arguments:** ``reach``: largest displacement in the table [m]; starts are relative to that of the disk, which is as
-    many times smaller as the table's scale is too large, and the sag under the weight comes on top where order 0 was
+    Some are relative to the largest displacement of the disk; the sag under the weight comes on top where order 0 was
     not measured.
     """
-    reach /= float(space.model.probes.scale)
+    reach = largest_displacement(space.model, measurement)
     names = {e.effect for e in space.entries if free[e.unknown]}
     if 0.0 not in space.model.layout.orders:
         rotor = space.model.rotor

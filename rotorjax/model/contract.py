@@ -163,7 +163,7 @@ class Effect(eqx.Module):
     starts: ClassVar[tuple[dict[str, float], ...]] = ({},)
     """Starting points of a fit, in prior scales; a parameter that is not named starts at its null."""
     over_amplitude: ClassVar[tuple[str, ...]] = ()
-    """Parameters whose starts are in units of one over the largest displacement measured, instead of prior scales."""
+    """Parameters whose starts are in one over the largest displacement of the disk, instead of prior scales."""
     sufficient: ClassVar[Plan] = Plan()
     """A measurement that is enough to find it, or what it ties with."""
     relatives: ClassVar[tuple[str, ...]] = ()

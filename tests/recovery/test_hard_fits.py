@@ -42,7 +42,7 @@ def reached(model: Model, measurement: Measurement, hypothesis: tuple[str, ...],
     catalog = {**CATALOG, **{name: TERMS[name] for name in hypothesis if name in TERMS}}
     contest = make_contest(model, measurement, catalog, catalog)
     free = contest.free(frozenset(hypothesis))
-    starts = starts_at(declared_starts(contest.space, free, measurement.reach))
+    starts = starts_at(declared_starts(contest.space, free, measurement))
     training = np.tile(contest.training, (len(starts), 1))
     data = contest.data(noise, contest.space.given_unknowns())
     best = best_of(descend(contest.space, data, starts, free, training, budget=Budget(), manner=QUICK))

@@ -92,22 +92,25 @@ def test_where_a_force_is_gone_the_sizes_of_those_that_stay_are_found_anew(sprin
     known = race(contest, NO_NOISE, [both], {})
     alone, more = frozenset({"clearance"}), both | {"probe_gain"}
     without = _starts(contest, alone, contest.free(alone), known, afresh=False)
-    declared = declared_starts(contest.space, contest.free(alone), measurement.reach)
+    declared = declared_starts(contest.space, contest.free(alone), measurement)
     assert [start.motions is None for start in without] == [True] * len(declared)
     np.testing.assert_allclose([start.point for start in without], declared)
     (beside,) = _starts(contest, more, contest.free(more), known, afresh=False)
     assert beside.motions is known[both].best.motions
 
 
-def test_starts_are_relative_to_the_motion_of_the_disk_whatever_the_scale_of_the_table(spring):
-    """Converted from mil twice, a table shows 25.4 times what the disk does: a gap begins within its motion."""
+def test_starts_are_relative_to_the_motion_of_the_disk_whatever_probes_show_of_it(spring):
+    """Converted from mil twice, by probes where the shaft moves half as far: a gap begins within the motion."""
     model, measurement, *_ = spring
-    probes = dataclasses.replace(model.probes, scale=25.4)
-    with_mistake = dataclasses.replace(model, probes=probes)
-    one, other = (make_contest(m, measurement, ["clearance"]) for m in (model, with_mistake))
-    free = one.free(frozenset({"clearance"}))
+    probes = dataclasses.replace(model.probes, scale=25.4, participation=[0.5, 0.5])
+    other, shown = (
+        dataclasses.replace(model, probes=probes),
+        dataclasses.replace(measurement, vectors=12.7 * measurement.vectors),
+    )
+    contests = (make_contest(model, measurement, ["clearance"]), make_contest(other, shown, ["clearance"]))
     right, large = (
-        declared_starts(contest.space, free, k * measurement.reach) for contest, k in ((one, 1.0), (other, 25.4))
+        declared_starts(contest.space, contest.free(frozenset({"clearance"})), contest.measurement)
+        for contest in contests
     )
     np.testing.assert_allclose(large, right, rtol=1e-12)
 
@@ -138,7 +141,7 @@ def test_what_stays_far_behind_ends_while_its_motions_have_freedom(spring):
     _, measurement, space, data, true = spring
     names = ("duffing", "quadratic_damping")
     masks = np.stack([space.free([name]) for name in names])
-    declared = declared_starts(space, masks[1], measurement.reach)[0]
+    declared = declared_starts(space, masks[1], measurement)[0]
     points = np.stack([unknowns_at(space, duffing__cubic_n_per_m3=true), declared])
     every = np.ones((2, len(measurement.run)), bool)
     right, behind = descend(space, data, starts_at(points), masks, every, budget=Budget())
@@ -181,7 +184,7 @@ def test_declared_starts_reach_the_optimum_at_the_truth(name, seed):
     at_truth[[e.unknown for e in entries]] = [value / e.scale for e, value in zip(entries, true, strict=True)]
     every = np.ones((8, len(measurement.run)), bool)
     known = best_of(descend(space, data, [Start(at_truth)], free, every, budget=Budget(), manner=THOROUGH))
-    budget, starts = Budget(), starts_at(declared_starts(space, free, measurement.reach))
+    budget, starts = Budget(), starts_at(declared_starts(space, free, measurement))
     found = best_of(descend(space, data, starts, free, every, budget=budget, manner=QUICK))
     assert found.exact
     assert found.cost - known.cost < 0.1
@@ -194,7 +197,7 @@ def test_motions_of_cases_left_out_follow_the_balance(spring):
     free, training = space.free(["duffing"]), np.ones((1, len(measurement.run)), bool)
     training[0, ::3] = False
     (end,) = descend(
-        space, data, starts_at(declared_starts(space, free, measurement.reach))[1:2], free, training, budget=Budget()
+        space, data, starts_at(declared_starts(space, free, measurement))[1:2], free, training, budget=Budget()
     )
     lost = measurement.vectors[::3] - end.shown[::3]
     assert np.sqrt(np.mean(np.abs(lost[measurement.present[::3]]) ** 2)) < 2.0 * np.sqrt(2.0) * np.median(
@@ -205,7 +208,7 @@ def test_motions_of_cases_left_out_follow_the_balance(spring):
 def test_a_spent_budget_leaves_every_start_linearised_once(spring):
     _, measurement, space, data, _ = spring
     free, budget = space.free(["clearance"]), Budget(1)
-    starts = starts_at(declared_starts(space, free, measurement.reach))
+    starts = starts_at(declared_starts(space, free, measurement))
     ends = descend(space, data, starts, free, np.ones((len(starts), len(measurement.run)), bool), budget=budget)
     assert budget.exhausted
     assert all(np.isfinite(end.cost) and end.steps == 1 and not end.exact for end in ends)
