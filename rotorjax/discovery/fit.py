@@ -14,6 +14,7 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
+from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
@@ -130,13 +131,14 @@ def fit(
     **Arguments:** ``model``, or a rotor alone; ``measurement``; ``free``: names of the effects to fit, by default all
     that the model has, the others keeping their values; ``held_out``: cross-validate over runs or speeds.
     **Returns** a `Fit`, whose ``converged`` and ``result`` say how it ended.
-    **Errors.** ``ValueError`` in single precision, or for a name that the model lacks; `InputError` where nothing is
-    finite.
+    **Errors.** ``ValueError`` in single precision, for a name that the model lacks, or for an effect of one's own that
+    breaks a rule of effects; `InputError` where nothing is finite.
     """
     full = model if isinstance(model, Model) else Model(model)
     names = tuple(e.name for e in full.effects) if free is None else several(free)
     if missing := [name for name in names if name not in full]:
         raise ValueError(f"the model has no {missing[0]!r} to fit; add it first: model + effect")
+    check_own_effects(full.with_orders(measurement.orders))
     fitted = _finite(_fit(_stage(full, full, measurement, names, frozenset())))
     return cross_validated(fitted) if held_out else fitted
 
@@ -187,6 +189,7 @@ def fit_steps(
     """
     full = model if isinstance(model, Model) else Model(model)
     everything = full.plus(additions)
+    check_own_effects(everything.with_orders(measurement.orders))
     fits = []
     for count in range(len(additions) + 1):
         names = tuple(dict.fromkeys(effect.name for effect in additions[:count]))

@@ -65,11 +65,22 @@ def check_catalog(catalog: Mapping[str, type[Effect]], model: Model | AbstractRo
                 f"catalog[{key!r}] is the effect {cls.name!r}: use its name as the key, {{{cls.__name__}.name: "
                 f"{cls.__name__}}}"
             )
-        if cls.family not in get_args(Family):
-            raise ValueError(f"{key}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
-        _check_forms(cls)
-        if NAMED.get(key) is not cls:
-            check_effect(cls, full)
+        _check_class(cls, full)
+
+
+def check_own_effects(model: Model) -> None:
+    """Refuse a model with an effect of one's own that breaks a rule: ``ValueError`` as for a catalogue."""
+    for effect in model.effects:
+        _check_class(type(effect), model)
+
+
+def _check_class(cls: type[Effect], model: Model) -> None:
+    if NAMED.get(cls.name) is cls:
+        return
+    if cls.family not in get_args(Family):
+        raise ValueError(f"{cls.name}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
+    _check_forms(cls)
+    check_effect(cls, model)
 
 
 def _check_forms(cls: type[Effect]) -> None:

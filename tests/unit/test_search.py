@@ -4,14 +4,17 @@ from importlib.resources import as_file, files
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from jax import Array
 
 from rotorjax import (
+    Conditions,
     Instant,
     Layout,
     Matrices,
     MatrixEffect,
+    Measurement,
     Model,
     OperatingPoint,
     Probes,
@@ -19,9 +22,11 @@ from rotorjax import (
     ReadingEffect,
     RestoringEffect,
     effects,
+    fit,
     parameter,
     read_measurement,
     read_rig,
+    tell,
 )
 from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import _pruned
@@ -144,6 +149,10 @@ def test_an_effect_of_ones_own_is_checked_before_it_is_fitted(cls, words, paper_
     check_catalog({"mine": Mine}, paper_rotor)
     with pytest.raises(ValueError, match=words):
         check_catalog({"mine": cls}, paper_rotor)
+    nothing = Measurement.from_arrays(np.ones((1, 2, 1)), Conditions.at([100.0]), sigma=1e-6)
+    for ask in (lambda: fit(Model(paper_rotor) + cls(), nothing), lambda: tell(Model(paper_rotor), nothing, [cls()])):
+        with pytest.raises(ValueError, match=words):
+            ask()
 
 
 class Root(Mine):
