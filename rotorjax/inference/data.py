@@ -53,7 +53,7 @@ def largest_displacement(model: Model, measurement: Measurement) -> float:
     """Of the disk, all orders of a case and both directions added up, at least 1e-9 [m]: what a probe shows over its
     participation and the scale of the table.
     """
-    per_displacement = np.abs(np.asarray(model.probes.scale * model.probes.participation))
+    per_displacement = np.abs(float(model.probes.scale) * np.asarray(model.probes.participation))
     seen = per_displacement > 0.0
     of_disk = np.sum(np.abs(measurement.vectors), axis=2)[:, seen] / per_displacement[seen]
     return max(float(np.max(np.linalg.norm(of_disk, axis=1), initial=0.0)), 1e-9)
