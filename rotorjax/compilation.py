@@ -46,7 +46,6 @@ def use_double_precision() -> None:
     import jax  # noqa: PLC0415
 
     _share_freed_memory()
-
     jax.config.update("jax_enable_x64", True)
     if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR") or _cache_folder():
         jax.config.update("jax_compilation_cache_dir", cache)
