@@ -58,7 +58,7 @@ def diagnose(
     **Arguments:** ``model`` of rotor and reading, or a rotor alone, its own faults not counted; ``measurement``;
     ``reference``: runs whose installed faults are known, so that what is found beyond them is inherent to the rotor and
     taken off the other runs. **Returns** a `Diagnosis`. **Errors.** ``ValueError`` in single precision, for a reference
-    that is not a run, or without 1X.
+    that is not a run, without 1X, or for a measurement with other probes or planes.
     """
     require_float64("diagnose")
     if 1.0 not in measurement.orders:
@@ -67,6 +67,7 @@ def diagnose(
     if missing := [run for run in reference if run not in measurement.runs]:
         raise ValueError(f"reference run {missing[0]!r} is not in the table, which has {', '.join(measurement.runs)}")
     whole = model if isinstance(model, Model) else Model(model)
+    measurement.require_layout(whole.layout)
     full = whole.with_orders(measurement.orders).in_company(
         CATALOG[name] for name in {u.effect for u in measurement.knowledge.uncertain}
     )

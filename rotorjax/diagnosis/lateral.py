@@ -113,8 +113,10 @@ def lateral(model: Model, measurement: Measurement) -> Lateral:
     """Critical speeds, the amplitude there with nothing installed, and stability, over the operating speeds that the
     rig file states, or else those measured.
 
+    **Errors.** ``ValueError`` for a measurement with other probes or planes.
     **Source:** API RP 684 (2005); API Standard 617, 7th edition (2002), chapter 1, section 2.6.
     """
+    measurement.require_layout(model.layout)
     model = model if model.layout.orders == (1.0,) else model.with_orders((1.0,))
     speeds, coupled, found = SpeedRange.of(measurement), is_coupled(model), critical_speeds(model)
     if found and not coupled:

@@ -104,7 +104,9 @@ def test_probes_must_match(paper_rotor):
 
 
 def test_planes_must_match():
-    """Weights meant case by case, and one weight on a rotor of two planes: neither is repeated in silence."""
+    """Weights meant case by case, and one weight on a rotor of two planes: neither is repeated in silence, whatever
+    programs for two planes are at hand.
+    """
     weights = np.array([[0.0, 0.0], [3e-5, 0.0], [0.0, 3e-5]])
     rows, cases = (Conditions.at_rpm([1000.0] * 3, unbalance=u) for u in (weights, weights[:, None]))
     assert len(set(np.asarray(response(ROTOR, cases))[:, 0, 0].tolist())) == 3
@@ -112,9 +114,10 @@ def test_planes_must_match():
         with pytest.raises(ValueError, match=r"for 3 planes, the model has 1: .* u\[:, None\]"):
             response(model, rows)
     two = Model(ROTOR, participation=[1.0, 0.5], layout=Layout(planes=("a", "b")))
-    measurement = Measurement.from_arrays(
-        np.full((3, 2, 1), 1e-6 + 0j), cases, run=np.arange(3), runs=("none", "x", "y"), sigma=1e-6
-    )
+    vectors, runs = np.full((3, 2, 1), 1e-6 + 0j), {"run": np.arange(3), "runs": ("none", "x", "y"), "sigma": 1e-6}
+    measurement = Measurement.from_arrays(vectors, cases, **runs)
+    both = Conditions.at_rpm([1000.0] * 3, unbalance=np.repeat(weights[:, None], 2, axis=1))
+    diagnose(two, Measurement.from_arrays(vectors, both, **runs))
     for ask in (compare, diagnose, lambda *given: explain(*given, only=["residual_unbalance"])):
         with pytest.raises(ValueError, match="for 1 plane, the model has 2: give a pair"):
             ask(two, measurement)
