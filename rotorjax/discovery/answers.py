@@ -174,6 +174,10 @@ class Doubts(NamedTuple):
             self.progress("whether something was written down wrongly")
             hopeless = _Reach.of(own, noise).hopeless
             screened = [screen(change, noise, hopeless=hopeless) for change in doubted]
+        elif doubtful and _feels_the_weight(own):
+            # What linear effects leave beside a change says little of what they leave with a nonlinear force.
+            known = {one.change.mistake for one in screened}
+            screened = [*screened, *(Screened(one, stated.end) for one in self.changes if one.mistake not in known)]
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
         if misses(own):
             near = self._beside_its_forces(own, noise, near)

@@ -59,12 +59,14 @@ def race_of_mistakes(
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
     doubts = Doubts(contest, changes, screened, stated, most, always, progress)
     weights = [one for one in screened if one.change.of_weight]
+    own = None
     if stated and ahead:
         found, doubts = _without_what_is_stated(begun, stated, ahead, doubts)
-        if found:
+        if found and found.best.mistake is not None:
             return found
+        own = found.best if found else None
     endless = bool(weights) or contest.measurement.sigma is None
-    own = _search_as_stated(begun, stated, most, progress, endless=endless)
+    own = own or _search_as_stated(begun, stated, most, progress, endless=endless)
     share = math.inf if misses(own) else contest.budget.spent - before
     own = own if always or misses(own) else _with_its_ties(own, catalog, progress)
     raced = doubts.race(own, share)
