@@ -14,6 +14,7 @@ from rotorjax.discovery.bootstrap import PValue
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
+from rotorjax.discovery.probable import Probable, probable
 from rotorjax.discovery.race import Race
 from rotorjax.discovery.search import Ranked, may_be_missing, showing
 from rotorjax.discovery.story import Story
@@ -123,6 +124,27 @@ class Explanation(Reported):
     def rankings(self) -> tuple[tuple[Ranked, ...], ...]:
         """For every step, what a further effect would bring, "none" among them."""
         return tuple(tuple(showing(self.contest, step, min(step.contenders, key=len))) for step in self.races)
+
+    @cached_property
+    def probable(self) -> tuple[Probable, ...]:
+        """Every set of effects that was fitted under the noise which the answer leaves, with mistakes in what was
+        written down, the most probable first; empty where nothing explains the data. As in
+        `rotorjax.discovery.probable.probable`.
+        """
+        if self.verdict == "unexplained":
+            return ()
+        contenders = [*self.ties.raced.values(), self.ties.winner, *(r.contender for r in self.rankings[-1])]
+        return probable(self.contest, contenders, self.written)
+
+    @property
+    def probability(self) -> float | None:
+        """Probability that just what is named, with what is too small to matter, is hidden; none where nothing explains
+        the data.
+        """
+        if self.verdict == "unexplained":
+            return None
+        whole = tuple(sorted({*self.named, *(small.effect for small in self.detected_but_small)}))
+        return next((one.probability for one in self.probable if one.names == whole), 0.0)
 
     @property
     def restricted(self) -> bool:

@@ -4,6 +4,7 @@ from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.next_measurement import Proposal
+from rotorjax.discovery.probable import CREDIBLE, credible
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
@@ -72,6 +73,18 @@ def ties_table(found: Explanation) -> Table | None:
     )
     spare = ["predictions differ by", "log evidence behind"]
     return Table("What these data cannot tell apart", headers, rows, note, spare=spare)
+
+
+def probable_table(found: Explanation) -> Table | None:
+    """The most probable explanations as wholes, until they have 95 % together."""
+    chosen = credible(found.probable)
+    rows = [[" + ".join(one.names) or "nothing", percent(one.probability)] for one in chosen[:SHOWN]]
+    if not rows:
+        return None
+    more = [f"{len(chosen) - SHOWN} more are needed for {percent(CREDIBLE, 0)}."] if len(chosen) > SHOWN else []
+    tried = [] if found.written.tried else ["Mistakes in rig file and table were not tried."]
+    note = " ".join(["Among all sets of effects that were fitted.", *more, *tried])
+    return Table("The most probable explanations", ["what is hidden", "probability"], rows, note)
 
 
 def _why_tied(tied: Alternative) -> str:
@@ -246,14 +259,14 @@ def _shown(ranked: tuple[Ranked, ...]) -> list[Ranked]:
 
 
 def explanation_tables(found: Explanation, rig: Rig | None = None) -> list[Table]:
-    """Error fall, parameters, critical speeds, what ties, terms of the missing force, rankings. **Arguments:** ``rig``
-    for angles.
+    """Error fall, parameters, critical speeds, probable explanations, what ties, terms of the missing force, rankings.
+    **Arguments:** ``rig`` for angles.
     """
     terms = None if found.named_force is None else missing_force_table(found.named_force)
     critical = critical_speeds_table(found.story)
     return [
         *step_tables(found.story, _convention(rig)),
-        *(table for table in (critical, ties_table(found), terms) if table is not None),
+        *(table for table in (critical, probable_table(found), ties_table(found), terms) if table is not None),
         *ranking_tables(found),
     ]
 

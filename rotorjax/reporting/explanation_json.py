@@ -7,6 +7,7 @@ from rotorjax.data.rig import Rig
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
+from rotorjax.discovery.probable import credible
 from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
@@ -40,7 +41,9 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "verdict": found.verdict,
         "sentence": sentence(found),
         "effects": list(found.named),
-        "written_down_wrongly": mistake_json(found.mistake),
+        "probability": found.probability,
+        "probable": [{"effects": list(one.names), "probability": one.probability} for one in credible(found.probable)],
+        "written_down_wrongly": _mistake_json(found),
         "steps": every,
         "ranking": _ranking_json(found, 0),
         "ties": found.tied_groups(),
@@ -65,6 +68,14 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "findings": notes(found),
         "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
     }
+
+
+def _mistake_json(found: Explanation) -> dict[str, Any] | None:
+    """What was written down wrongly, with its probability whatever effects are beside it."""
+    told = mistake_json(found.mistake)
+    if told is None or found.probability is None:
+        return told
+    return {**told, "probability": sum(one.probability for one in found.probable if told["name"] in one.names)}
 
 
 def _next_measurement_json(proposal: Proposal | None) -> dict[str, Any] | None:

@@ -2,7 +2,11 @@
 
 import pytest
 
+from rotorjax import explain, read_measurement, read_rig
+from rotorjax.data.example import write_example
+from rotorjax.discovery.explain import FOR_THE_STEPS
 from rotorjax.inference.budget import Budget
+from rotorjax.reporting.explanation import explanation_text
 
 
 def test_what_is_reserved_is_there_at_the_end_however_much_was_spent():
@@ -46,3 +50,18 @@ def test_without_a_limit_nothing_is_exhausted():
         assert not budget.exhausted
     budget.release()
     assert not budget.exhausted
+
+
+def test_at_the_limit_the_answer_is_open_and_what_was_not_tried_is_named(tmp_path):
+    """The shipped example takes some 52,000 linearisations."""
+    write_example(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    found = explain(rig.model, read_measurement(tmp_path / "measurement.csv", rig), limit=30_000)
+    assert found.verdict == "undecided"
+    assert set(found.named) == {"residual_unbalance", "cross_coupling"}
+    assert found.cost.exhausted
+    assert {"what else would do as well", "error on data held out"} <= set(found.cost.untried)
+    assert found.cost.linearisations < 30_000 + FOR_THE_STEPS
+    told = explanation_text(found, rig)
+    assert "of 30,000 allowed. Not tried when the limit of the search was reached: a further effect, " in told
+    assert "the search limit was reached before all was tried" in " ".join(told.split())

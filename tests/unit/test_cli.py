@@ -442,6 +442,22 @@ def test_a_mistake_in_the_rig_file_is_tried_and_put_right(tmp_path):
     assert json.loads(answer.read_text(encoding="utf-8"))["rms_um"] == pytest.approx(told["rms_um"], rel=1e-6)
 
 
+def test_exchanged_runs_are_tried_by_their_names(tmp_path):
+    from_example, answer = tmp_path / "example", tmp_path / "a.json"
+    assert run("example", from_example) == 0
+    rig, table = from_example / "rig.toml", from_example / "measurement.csv"
+    lines = table.read_text(encoding="utf-8")
+    for one, other in [("trial-a", "here"), ("trial-b", "trial-a"), ("here", "trial-b")]:
+        lines = lines.replace(f"{one},", f"{other},")
+    table.write_text(lines, encoding="utf-8")
+    exchanged = "runs_exchanged:A=trial-a,B=trial-b"
+    assert run("compare", table, "--rig", rig, "--effect", exchanged, "--json", answer) == 0
+    told = json.loads(answer.read_text(encoding="utf-8"))
+    assert told["written_down_wrongly"]["name"] == "runs_exchanged.trial-a.trial-b"
+    assert told["before"]["rms_um"] > 50.0
+    assert told["rms_um"] == pytest.approx(29.55, abs=0.01)  # with what is declared uncertain fitted
+
+
 def test_text_from_files_is_escaped(tmp_path):
     name = "<script>alert(1)</script>"
     rig = RIG.replace("[runs.baseline]", f'[runs."{name}"]')
@@ -512,6 +528,15 @@ def test_explain_json_holds_the_contract(explained):
     worst = explained["where"][0]
     assert {"run", "speed_rpm", "probe", "order", "residual_um", "standardised"} <= set(worst)
     assert worst["standardised"] >= explained["where"][1]["standardised"]
+    assert 0 < explained["cost"]["linearisations"] < explained["cost"]["limit"]
+    assert not explained["cost"]["exhausted"]
+
+
+def test_explain_json_has_probabilities_of_whole_explanations(explained):
+    first, *others = explained["probable"]
+    assert sorted(first["effects"]) == sorted(explained["effects"])
+    assert 0.9 < first["probability"] == explained["probability"] <= 1.0
+    assert all(one["probability"] < first["probability"] for one in others)
 
 
 def test_explained_model_is_taken_by_compare(example, explained, capsys):
