@@ -13,6 +13,8 @@ from drawn_effects import Hidden, draw
 from nonlinear_oracle import DOWN
 
 MIL = 25.4
+MORE_KINDS = 31600
+"""Seed from which on rms amplitudes, and weights stated of a run without any, are among the mistakes."""
 
 Mistake = Callable[[Hidden], Hidden]
 
@@ -22,7 +24,7 @@ def draw_with_mistake(seed: int) -> tuple[Hidden, str | None]:
     hidden = draw(seed)
     if seed % 2:
         return hidden, None
-    possible = _possible(hidden)
+    possible = _possible(hidden) | (_more(hidden) if seed >= MORE_KINDS else {})
     rng = np.random.default_rng([2611, seed])
     kinds = sorted({name.split(".")[0] for name in possible})
     kind = str(rng.choice(kinds))
@@ -38,7 +40,7 @@ def _possible(hidden: Hidden) -> dict[str, Mistake]:
     found: dict[str, Mistake] = {
         "phase_sign_reversed": lambda h: _vectors(h, np.conj),
         "amplitude_doubled": lambda h: _scaled(h, 2.0),
-        "amplitude_halved": lambda h: _said_peak_to_peak(_scaled(h, 0.5)),
+        "amplitude_halved": lambda h: _said(_scaled(h, 0.5), "peak-to-peak"),
         "amplitude_unit": lambda h: _scaled(h, 1.0 / MIL),
         "amplitude_unit.mil": lambda h: _scaled(h, MIL),
         "weight_angles_reversed": lambda h: _installed(h, unbalance * np.array([1.0, -1.0])),
@@ -64,6 +66,23 @@ def _possible(hidden: Hidden) -> dict[str, Mistake]:
     return found
 
 
+def _more(hidden: Hidden) -> dict[str, Mistake]:
+    """Rms amplitudes where peak is stated, and the reverse; and in a run without any weight the one of another run."""
+    m = hidden.measurement
+    found: dict[str, Mistake] = {
+        "amplitude_rms": lambda h: _scaled(h, 0.5**0.5),
+        "amplitude_peak": lambda h: _said(_scaled(h, 2.0**0.5), "rms"),
+        "amplitude_peak_to_peak": lambda h: _said(_scaled(h, 2.0 * 2.0**0.5), "rms"),
+    }
+    of_run = np.asarray(m.conditions.unbalance)[[int(np.argmax(m.run == k)) for k in range(len(m.runs))]]
+    loaded = [k for k, weight in enumerate(of_run) if np.any(weight)]
+    for k, run in enumerate(m.runs):
+        if k not in loaded and loaded:
+            declared = of_run[np.where(m.run == k, loaded[0], m.run)]
+            found[f"trial_weight_absent.{run}"] = lambda h, declared=declared: _installed(h, declared)
+    return found
+
+
 def _vectors(hidden: Hidden, change: Callable[[np.ndarray], np.ndarray]) -> Hidden:
     m = hidden.measurement
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=change(m.vectors)))
@@ -75,9 +94,9 @@ def _scaled(hidden: Hidden, factor: float) -> Hidden:
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=factor * m.vectors, sigma=sigma))
 
 
-def _said_peak_to_peak(hidden: Hidden) -> Hidden:
+def _said(hidden: Hidden, amplitude: str) -> Hidden:
     m = hidden.measurement
-    knowledge = dataclasses.replace(m.knowledge, amplitude="peak-to-peak")
+    knowledge = dataclasses.replace(m.knowledge, amplitude=amplitude)
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, knowledge=knowledge))
 
 

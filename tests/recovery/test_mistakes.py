@@ -71,6 +71,30 @@ def opposite(rig, rows):
     return f"{before}[runs.trial-b]{turned}", rows
 
 
+def weight_said_of_the_baseline(rig, rows):
+    """What the rig file says of the run in which nothing was installed."""
+    section = rig[rig.index("[runs.trial-a]") + len("[runs.trial-a]") : rig.index("[runs.trial-b]")]
+    before, after = rig.split("[runs.baseline]")
+    rest = after[after.index("[runs.trial-a]") :]
+    return f"{before}[runs.baseline]{section}{rest}", rows
+
+
+def slow_roll_said_to_be_subtracted(rig, rows):
+    said = "slow_roll_subtracted = true\nslow_roll_rpm = 700\n"
+    return re.sub(r"(\[convention\][^\n]*\n)", rf"\1{said}", rig), rows
+
+
+def scaled(convention, factor):
+    """Amplitudes that are so many times what the rig file says that they are."""
+
+    def made(rig, rows):
+        keys = ("amplitude_um", "sigma_um")
+        rig = re.sub('amplitude = "[^"]*"', f'amplitude = "{convention}"', rig)
+        return rig, [{**row, **{key: factor * float(row[key]) for key in keys}} for row in rows]
+
+    return made
+
+
 def reversed_probe(rig, rows):
     return rig, [
         {**row, "phase_deg": float(row["phase_deg"]) + (180.0 if row["probe"] == "Y" else 0.0)} for row in rows
@@ -112,6 +136,11 @@ CAMPAIGN = pytest.mark.campaign
         pytest.param(mil, "amplitude_unit", marks=CAMPAIGN),
         pytest.param(exchanged_cables, "probes_exchanged", marks=CAMPAIGN),
         pytest.param(exchanged_runs, "runs_exchanged.trial-a.trial-b", marks=CAMPAIGN),
+        pytest.param(weight_said_of_the_baseline, "trial_weight_absent.baseline", marks=CAMPAIGN),
+        pytest.param(slow_roll_said_to_be_subtracted, "slow_roll_subtracted", marks=CAMPAIGN),
+        pytest.param(scaled("peak", 2.0**-0.5), "amplitude_rms", marks=CAMPAIGN),
+        pytest.param(scaled("rms", 1.0), "amplitude_peak", marks=CAMPAIGN),
+        pytest.param(scaled("rms", 2.0), "amplitude_peak_to_peak", marks=CAMPAIGN),
         pytest.param(no_mistake, None, marks=CAMPAIGN),
     ],
 )
