@@ -250,19 +250,49 @@ def beside_an_unbalance() -> list[Problem]:
     return problems
 
 
+def hard_to_explain() -> list[Problem]:
+    """A crack that opens and closes at once, which no law of the catalogue has; a probe that saturates; a spring of the
+    fifth power, which is outside the catalogue: sixty cases each.
+    """
+    stiffness = float(np.mean(hidden_forces.MACHINE.stiffness))
+
+    def switching(angle: np.ndarray, q: np.ndarray, v: np.ndarray, d: np.ndarray) -> np.ndarray:
+        open_below = np.sin(angle) < 0.0
+        along = np.cos(angle) * d[0] + np.sin(angle) * d[1]
+        return -0.1 * stiffness * open_below * np.stack([np.cos(angle) * along, np.sin(angle) * along])
+
+    def fifth(angle: np.ndarray, q: np.ndarray, v: np.ndarray, d: np.ndarray) -> np.ndarray:
+        return stiffness * (np.hypot(q[0], q[1]) / GAP) ** 4 * 0.01 * q
+
+    return [
+        Problem("crack that switches", *_sixty_cases(switching, gravity=in_time.DOWN), ("crack",), Noise(), None),
+        Problem("saturating probe", *_sixty_cases(bend=in_time.saturation(2.0 * GAP)), (), Noise(), None),
+        Problem("spring of the fifth power", *_sixty_cases(fifth), (), Noise(), None),
+    ]
+
+
 def _sixty(name: str, force: in_time.Force, truth: Truth) -> list[Problem]:
-    """Four runs at fifteen speeds through resonance, a vertical rotor; explained as such, and with gravity stated."""
-    speeds = tuple(float(speed) for speed in SPEEDS_RPM * np.pi / 30.0)
-    plan = Plan({run: [complex(weight)] for run, weight in WEIGHTS.items()}, speeds, (1, 2), sigma=0.0)
-    model, clean = hidden_forces.measured((force,), plan, np.random.default_rng(0), (0.0, 0.0))
-    sigma = NOISE * float(np.median(np.abs(clean.vectors[..., 0])))
-    rng, shape = np.random.default_rng(1), clean.vectors.shape
-    noisy = clean.vectors + sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
-    measurement = dataclasses.replace(clean, vectors=noisy, sigma=np.full(shape, sigma))
+    """Sixty cases of a vertical rotor, explained as such, and with gravity stated."""
+    model, measurement = _sixty_cases(force)
     heavy = dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, gravity=jax.numpy.array(in_time.DOWN)))
     right = Problem(name, model, measurement, tuple(truth), Noise(), truth)
     wrong = [Problem(f"{name}, weight stated", heavy, measurement, (one,), Noise(), None) for one in RESTORING]
     return [right, *wrong]
+
+
+def _sixty_cases(
+    *forces: in_time.Force,
+    gravity: tuple[float, float] = (0.0, 0.0),
+    bend: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> tuple[Model, Measurement]:
+    """Four runs at fifteen speeds through resonance, with noise."""
+    speeds = tuple(float(speed) for speed in SPEEDS_RPM * np.pi / 30.0)
+    plan = Plan({run: [complex(weight)] for run, weight in WEIGHTS.items()}, speeds, (1, 2), sigma=0.0)
+    model, clean = hidden_forces.measured(forces, plan, np.random.default_rng(0), gravity, bend)
+    sigma = NOISE * float(np.median(np.abs(clean.vectors[..., 0])))
+    rng, shape = np.random.default_rng(1), clean.vectors.shape
+    noisy = clean.vectors + sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    return model, dataclasses.replace(clean, vectors=noisy, sigma=np.full(shape, sigma))
 
 
 CASES: dict[str, Callable[[], list[Problem]]] = {
