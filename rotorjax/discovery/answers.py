@@ -81,6 +81,8 @@ class MistakeRace(NamedTuple):
     """Whether changes of what is stated took part."""
     cut_off: tuple[Mistake, ...] = ()
     """Those whose search was ended, as it took as long as that for the answer."""
+    left_out: bool = False
+    """Whether the linearisations ran out before changes that may do as well as the answer were searched."""
 
     @property
     def best(self) -> Answer:
@@ -167,7 +169,7 @@ class Doubts(NamedTuple):
         of_weight = [one for one in self.changes if one.of_weight and _feels_the_weight(own)]
         doubted = self.changes if doubtful else of_weight
         if contest.budget.exhausted or not (doubted or screened):
-            return self.ranked([own], ())._replace(tried=bool(screened))
+            return self.ranked([own], ())._replace(tried=bool(screened), left_out=bool(doubted))
         noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
         stated = self.stated or screen(Change(None, contest), noise)
         if not screened:

@@ -158,7 +158,8 @@ def _answer(
     progress: Progress,
 ) -> Explanation:
     budget = selection.contest.budget
-    stages = _Stages(budget, thorough, progress, ["a further effect"] if budget.exhausted else [])
+    left_out = ["mistakes in rig file and table"] if written.left_out else []
+    stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.

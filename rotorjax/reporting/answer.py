@@ -100,7 +100,7 @@ def _undecided(found: Explanation) -> str:
 def _unexplained(found: Explanation) -> str:
     if found.contest.measurement.rms == 0.0:
         return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
-    books = "" if found.written.tried else f" {WRONG_BOOKS}"
+    books = "" if found.written.tried or found.written.left_out else f" {WRONG_BOOKS}"
     return f"Unexplained: {_unexplained_why(found)}{books}"
 
 
@@ -109,8 +109,9 @@ def _unexplained_why(found: Explanation) -> str:
     if (ahead := would_be_next(found)) is not None:
         return f"no more than {found.max_effects} effects were to be added, and {plain_name(ahead)} would be next."
     those = "those allowed" if found.restricted else "the catalogue"
+    limit = "; the search limit was reached before all was tried" if found.cost.exhausted else ""
     if not found.named:
-        return f"no effect of {those} accounts for the difference between model and measurement."
+        return f"no effect of {those} accounts for the difference between model and measurement{limit}."
     one = len(found.named) == 1
     accounts = "accounts" if one else "account"
     if slight(found):
@@ -118,11 +119,10 @@ def _unexplained_why(found: Explanation) -> str:
         return (
             f"{none} of {those} {accounts} for the difference between model and measurement; the best, "
             f"{said(found.named)}, {lower} the error only {number(error_fall(found), 2)}-fold, to "
-            f"{number(found.story.last.rms / MICROMETRE)} µm rms."
+            f"{number(found.story.last.rms / MICROMETRE)} µm rms{limit}."
         )
-    return (
-        f"{said(found.named)} {accounts} for part of the difference between model and measurement, and no further "
-        f"effect of {those} for the rest."
+    return f"{said(found.named)} {accounts} for part of the difference between model and measurement" + (
+        f"{limit}." if limit else f", and no further effect of {those} for the rest."
     )
 
 

@@ -6,6 +6,7 @@ from rotorjax import explain, read_measurement, read_rig
 from rotorjax.data.example import write_example
 from rotorjax.discovery.explain import FOR_THE_STEPS
 from rotorjax.inference.budget import Budget
+from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.explanation import explanation_text
 
 
@@ -65,3 +66,18 @@ def test_at_the_limit_the_answer_is_open_and_what_was_not_tried_is_named(tmp_pat
     told = explanation_text(found, rig)
     assert "of 30,000 allowed. Not tried when the limit of the search was reached: a further effect, " in told
     assert "the search limit was reached before all was tried" in " ".join(told.split())
+
+
+def test_where_nothing_explains_at_the_limit_no_more_is_claimed_than_was_tried(tmp_path):
+    """A phase sign written wrongly, which the search does not come to."""
+    write_example(tmp_path)
+    rig_file = tmp_path / "rig.toml"
+    rig_file.write_text(rig_file.read_text(encoding="utf-8").replace('phase = "lead"', 'phase = "lag"'), "utf-8")
+    rig = read_rig(rig_file)
+    found = explain(rig.model, read_measurement(tmp_path / "measurement.csv", rig), limit=3_000)
+    assert found.verdict == "unexplained"
+    told = sentence(found)
+    assert "the search limit was reached before all was tried." in told
+    assert "no further effect" not in told
+    assert "`--mistakes`" not in told
+    assert "mistakes in rig file and table" in found.cost.untried
