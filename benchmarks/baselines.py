@@ -22,7 +22,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from rotorjax import Measurement, Model, read_measurement, read_rig
-from rotorjax.compilation import spare_memory_maps, use_double_precision
+from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, make_contest
 from rotorjax.discovery.force_shapes import Shape, shapes
 from rotorjax.discovery.missing_force import Balance, missing_force
@@ -204,7 +204,7 @@ def answered(case: Case) -> dict[str, Answer]:
         for name, method in METHODS.items()
         if name not in fitted
     }
-    spare_memory_maps()
+    spare_memory()
     return fitted | looked
 
 

@@ -23,7 +23,7 @@ import tabulate
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from rotorjax import explain
-from rotorjax.compilation import spare_memory_maps, use_double_precision
+from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.data.files import write_whole
 from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.inference.budget import Budget
@@ -219,7 +219,7 @@ def compared(seed: int, motions: bool, nested: bool) -> list[Row]:
         found_here = (len(integrand.free), motion, contender.log_evidence, exact, again, time.perf_counter() - begin)
         rows.append(Row(seed, " + ".join(hidden.effects) or "nothing", hypothesis, *found_here))
         print(" | ".join(rows[-1].cells()), flush=True)
-    spare_memory_maps()
+    spare_memory()
     return rows
 
 

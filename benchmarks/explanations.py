@@ -26,7 +26,7 @@ from rotorjax.batch.case import Case
 from rotorjax.batch.pool import Processes, processors
 from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
-from rotorjax.compilation import spare_memory_maps, use_double_precision
+from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.ties import Alternative
 from rotorjax.reporting.tables import number
@@ -80,7 +80,7 @@ def explained(drawn: Drawn) -> dict[str, Any]:
     use_double_precision()
     hidden, mistake = draw_with_mistake(drawn.seed) if drawn.mistakes else (draw(drawn.seed), None)
     found, seconds = timed(lambda: explain(hidden.model, hidden.measurement))
-    spare_memory_maps()
+    spare_memory()
     story = found.story
     noise = None if hidden.measurement.sigma is None else np.sqrt(2.0) * hidden.measurement.sigma.max()
     before, after = (number(None if noise is None else view.rms / noise, 3) for view in (story.declared, story.last))

@@ -41,7 +41,7 @@ def explained(seed: int) -> dict[str, Any]:
     """One case: what is true, what was answered, and how long that took."""
     # Here, so that what scores and writes needs no JAX.
     from rotorjax import explain, read_measurement, read_rig  # noqa: PLC0415
-    from rotorjax.compilation import spare_memory_maps, use_double_precision  # noqa: PLC0415
+    from rotorjax.compilation import spare_memory, use_double_precision  # noqa: PLC0415
 
     from answers import answer  # noqa: PLC0415
     from from_truth import against_truth, left_by_answer  # noqa: PLC0415
@@ -59,7 +59,7 @@ def explained(seed: int) -> dict[str, Any]:
     row = {**true, **answer(found), "took": seconds, "code": code()}
     row |= against_truth(found, true) | {"left_by_answer": left_by_answer(case, found)}
     row |= {"further_readings": after_further_readings(case, found)}
-    spare_memory_maps()
+    spare_memory()
     return row
 
 

@@ -11,6 +11,10 @@ MOST_MAPS = 30_000
 """Memory maps of a process from which on compiled programs are dropped: Linux grants 65530 (vm.max_map_count), and a
 compilation beyond them ends the process.
 """
+MOST_RESIDENT = 1.0
+"""Memory [GB] that a process holds between two cases from which on they are dropped, too: those for one set of probes
+and orders take some 0.1 GB, and are read again from the cache in a second.
+"""
 
 OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_experimental_ynn_fusion_type": ""}
 """Options of the compiler: older fusion, with which large programs take some two thirds of the time and run as fast;
@@ -52,13 +56,20 @@ def use_double_precision() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
-def spare_memory_maps() -> None:
-    """Drop compiled programs before a process has as many as Linux grants: one that sees thousands of rigs would."""
+def spare_memory() -> None:
+    """Return freed memory to the system, and drop compiled programs where a process holds many, as one does that sees
+    thousands of rigs.
+    """
     import jax  # noqa: PLC0415
 
-    maps = Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+    release_freed_memory()
+    maps, sizes = Path("/proc/self/maps"), Path("/proc/self/statm")
+    if not (maps.exists() and sizes.exists()):
+        return
+    resident = int(sizes.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e9
+    if resident > MOST_RESIDENT or maps.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()
+        release_freed_memory()
 
 
 def release_freed_memory() -> None:

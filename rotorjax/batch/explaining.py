@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rotorjax.compilation import spare_memory_maps, use_double_precision
+from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.data.names import harmless
 from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import Rig, read_measurement, read_rig
@@ -98,7 +98,7 @@ def explain_case(task: Task) -> dict[str, Any]:
     except InputError as error:
         return {**row, "failure": harmless("\n".join(error.shown()))}
     finally:
-        spare_memory_maps()
+        spare_memory()
 
 
 def _explained(task: Task) -> dict[str, Any]:

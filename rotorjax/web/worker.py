@@ -123,9 +123,9 @@ def _load() -> None:
 
 
 def _forget() -> None:
-    from rotorjax.compilation import spare_memory_maps  # noqa: PLC0415
+    from rotorjax.compilation import spare_memory  # noqa: PLC0415
 
-    spare_memory_maps()
+    spare_memory()
 
 
 def _listen(jobs: "queue.SimpleQueue[dict[str, Any]]", folder: Path) -> None:
