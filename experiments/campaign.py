@@ -1,7 +1,8 @@
 """The whole of `explain` on rotors with more detail than its model: drawn, explained, scored.
 
 Cases are those of `benchmarks/detailed`: integrated in time by code that shares nothing with rotorjax. Rows are kept as
-they end; given the same folder again, the rest is done. Seeds below 1200 are for development.
+they end; given the same folder again, the rest is done. Seeds below 1200 are for development, and 4900 to 4999 for that
+with shafts of finite elements, which all have from 4900 on.
 
     python experiments/campaign.py --first 1200 --seeds 200 --output output/campaign
     python experiments/campaign.py --first 1200 --seeds 200 --write output/cases        # files for another tool
@@ -26,7 +27,7 @@ from rotorjax.batch.pool import Processes, processors
 from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
 
-from detailed.case import KINDS, NOISES, draw
+from detailed.case import FINITE_ELEMENTS, KINDS, NOISES, draw
 from detailed.files import truth, write, write_case
 from score_page import write_page
 from scoring import judged, read_answers, read_rows
@@ -129,7 +130,8 @@ def main() -> None:
         rows = read_rows(options.score) if kept else read_answers(options.score, options.truth)
         print(write_page(rows, options.output, {"answers": options.score.name, **about(rows)}))
         return
-    configuration = {"cases": "detailed rotor", "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
+    cases = "detailed rotor" if options.first < FINITE_ELEMENTS else "finite-element rotor"
+    configuration = {"cases": cases, "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
     with Store(options.output / "rows.sqlite", configuration) as store:
         run(explained, [Job(str(seed), seed) for seed in seeds], store, Processes(options.workers), told)
         kept = store.rows()

@@ -8,9 +8,10 @@ import numpy as np
 from detailed import hidden as hide
 from detailed.hidden import DOWN, EFFECTS, OUTSIDE, TWICE, WEIGHED, Hidden, Plant, Scale
 from detailed.in_time import Condition, NoSteadyStateError, waveforms
+from detailed.machines import Machine, finite_element_rotor, shaft_share, stiffness_at_disk, two_element_rotor
 from detailed.mistakes import Mistake, mistakes
 from detailed.relatives import left_by_relative
-from detailed.rotor import DISK, A, Rotor
+from detailed.rotor import Rotor
 from detailed.stated import Limits, Plan, Stated, deviation, fitted, misfit
 
 KINDS = (
@@ -36,6 +37,8 @@ NEAR = 1.15
 RUNS = ("baseline", "trial-a", "trial-b", "trial-c", "trial-d", "trial-e")
 MORE_RUNS = 2478
 """Seed from which on plans have three to six runs; before it three."""
+FINITE_ELEMENTS = 4900
+"""Seed from which on rotors have a shaft of finite elements; before it two beam elements."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,14 +189,15 @@ def _drawn(seed: int, rng: np.random.Generator) -> Case:
     poorer = str(rng.choice(POORER)) if rng.random() < 0.3 else "none"
     names, other = _names(seed, kind, rng)
     weighed = any(name in WEIGHED for name in (*names, other)) or rng.random() < 0.4
-    bench = _bench(rng, names, other, _runs(seed, poorer), poorer == "few speeds", weighed)
+    gravity = DOWN if weighed else (0.0, 0.0)
+    machine = (finite_element_rotor if seed >= FINITE_ELEMENTS else two_element_rotor)(rng, gravity)
+    bench = _bench(rng, names, other, _runs(seed, poorer), poorer == "few speeds", machine)
     healthy = bench.vectors(Plant(bench.rotor))
     scale = _scale(bench, healthy)
     once = np.abs(healthy[:, :, bench.plan.orders.index(1)])
     bench.sigma = noise * float(np.median(once[once > 0.0]))
     present = _present(bench, poorer, rng)
     bench.stated = _declared(bench.stated, names, rng)
-    gravity = DOWN if weighed else (0.0, 0.0)
     found = [hide.effect(name, rng, scale, gravity) for name in names]
     found += [hide.outside(other, rng, scale)] if other else []
     placed = _sized(bench, found, present, rng)
@@ -238,10 +242,10 @@ def _runs(seed: int, poorer: str) -> int:
 
 
 def _bench(
-    rng: np.random.Generator, names: list[str], other: str | None, runs: int, few_speeds: bool, weighed: bool
+    rng: np.random.Generator, names: list[str], other: str | None, runs: int, few_speeds: bool, machine: Machine
 ) -> _Bench:
     """Rotor, plan, and the rig file that its healthy baseline gives."""
-    rotor, mass, frequency = _rotor(rng, weighed)
+    rotor, mass, frequency = machine.rotor, machine.mass, machine.frequency
     orders = _orders(rng, [*names, other or ""])
     count = 5 if few_speeds else int(rng.integers(8, 21))
     speeds = np.linspace(0.5, 1.5, count) + rng.uniform(-0.2, 0.2, count) / count
@@ -257,10 +261,8 @@ def _bench(
         weights[run] = ((baseline, "disk1"), *(((weight, plane),) if k else ()))
         weights[run] = tuple(w for w in weights[run] if w[0] != 0.0) or ((0j, "disk1"),)
     plan = Plan(np.tile(speeds * frequency, runs), np.repeat(np.arange(runs), count), tuple(weights), orders)
-    k = _stiffness(rotor)
-    first = Stated(
-        mass, k, (0.02, 0.02), "-y" if weighed else "none", weights, planes, {"X": 0.0, "Y": 0.5 * np.pi}, {}
-    )
+    k, gravity = stiffness_at_disk(rotor), "-y" if any(rotor.gravity) else "none"
+    first = Stated(mass, k, (0.02, 0.02), gravity, weights, planes, {"X": 0.0, "Y": 0.5 * np.pi}, {})
     bench = _Bench(rotor, first, plan, weights)
     measured = fitted(first, plan, bench.vectors(Plant(rotor)))
     allowed = (ALLOWED[0] * frequency, ALLOWED[1] * frequency)
@@ -270,44 +272,14 @@ def _bench(
     return bench
 
 
-def _rotor(rng: np.random.Generator, weighed: bool) -> tuple[Rotor, float, float]:
-    """A healthy rotor, the mass that its rig file states, and its natural frequency, nearly."""
-    mass, frequency = float(np.exp(rng.uniform(np.log(0.3), np.log(20.0)))), float(rng.uniform(80.0, 400.0))
-    length, share = float(rng.uniform(0.4, 1.0)), float(rng.uniform(0.05, 0.25))
-    shaft = share * mass
-    disk, spring = mass - 0.5 * shaft, mass * frequency**2
-    soft = float(rng.uniform(6.0, 30.0))
-    bearing = soft * spring * np.array([1.0, rng.uniform(0.4, 0.95)])
-    loss, outer = rng.uniform(0.05, 0.3), rng.uniform(0.006, 0.035) * np.array([1.0, rng.uniform(0.7, 1.4)])
-    rotor = Rotor(
-        disk_mass=disk, shaft_mass=shaft, polar=0.5 * disk * (length * float(rng.uniform(0.1, 0.2))) ** 2,
-        length=length, position=0.5 + float(rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.05)),
-        bending=spring * length**3 / 48.0, bearing_stiffness=tuple(map(float, bearing)),
-        bearing_damping=tuple(map(float, loss * bearing / frequency)),
-        disk_damping=tuple(map(float, 2 * outer * mass * frequency)), gravity=DOWN if weighed else (0.0, 0.0),
-        reference_speed=frequency,
-    )  # fmt: skip
-    return rotor, mass, frequency
-
-
-def _stiffness(rotor: Rotor) -> tuple[float, float]:
-    """Of the rotor at rest, that a force on the disk feels [N/m]."""
-    compliance = np.linalg.inv(rotor.matrices(0.0)[2])
-    disk = rotor.at_disk()
-    x, y = 1.0 / np.diag(disk @ compliance @ disk.T)
-    return float(x), float(y)
-
-
 def _scale(bench: _Bench, healthy: np.ndarray) -> Scale:
     stated, rotor = bench.stated, bench.rotor
-    k = _stiffness(rotor)
-    compliance = np.linalg.inv(rotor.matrices(0.0)[2])[DISK]
-    share = 1.0 - float(compliance[A] / compliance[DISK])
+    k = stiffness_at_disk(rotor)
     total = [abs(sum(u for u, _ in w)) for w in bench.weights.values()]
     orders = bench.plan.orders
     return Scale(
         float(np.max(np.abs(healthy[:, :, orders.index(1)]))), stated.mass, k, float(np.mean(stated.ratio)),
-        stated.frequency, max(total), stated.mass * 9.80665 / float(np.mean(k)), share, orders,
+        stated.frequency, max(total), stated.mass * 9.80665 / float(np.mean(k)), shaft_share(rotor), orders,
     )  # fmt: skip
 
 
@@ -354,7 +326,7 @@ def _brings(
 
 
 def _detail(bench: _Bench, healthy: np.ndarray, present: np.ndarray) -> dict[str, float]:
-    """What the gyroscopic moment of the tilting disk brings."""
+    """What the gyroscopic moments of the tilting disk and of the shaft bring."""
     without = bench.vectors(Plant(dataclasses.replace(bench.rotor, turning=0.0)))
     spread = deviation(healthy, bench.sigma, bench.stated.tolerance)
     return {"gyroscopic": misfit(bench.stated, bench.plan, healthy - without, spread, present, bench.healthy)}

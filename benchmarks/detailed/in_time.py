@@ -64,7 +64,7 @@ class Stepper:
         """Rate of change of the state, of a constant force on each place, and of that force's slope per step."""
         speed, n = condition.speed, self.n
         mass, damping, stiffness = rotor.matrices(speed)
-        inverse = np.diag(1.0 / np.diag(mass))
+        inverse = np.linalg.inv(mass)
         rate = np.zeros((2 * n + 5, 2 * n + 5))
         rate[:n, n : 2 * n] = np.eye(n)
         rate[n : 2 * n, : 2 * n] = -inverse @ np.hstack([stiffness, damping])

@@ -1,17 +1,21 @@
 """A rotor with more detail than the model: a disk that tilts on a flexible shaft with mass, in bearings with damping of
 their own. Shares no code with rotorjax.
 
-Degrees of freedom of each plane, x first, then y: journal A, journal B, disk, slope of the disk, and the frame where
-the bearings stand on one. The shaft is two beam elements between them, free to turn in the bearings, half of its mass
-at the disk and a quarter at each journal. Displacement(t) = Re[q_n e^{inφ}], the shaft turns from x towards y.
+Degrees of freedom of each plane, x first, then y: journal A, journal B, disk, slope of the disk, modes of the shaft,
+and the frame where the bearings stand on one. The shaft is free to turn in the bearings. Displacement(t) = Re[q_n e^{inφ}],
+the shaft turns from x towards y.
 """
 
 import dataclasses
 
 import numpy as np
 
-A, B, DISK, SLOPE, FRAME = range(5)
+from detailed.shaft import Shaft
+
+A, B, DISK, SLOPE = range(4)
 """Places in a plane."""
+FRAME = -1
+"""The last one, where there is a frame."""
 WHIRL = np.array([[0.0, 1.0], [-1.0, 0.0]])
 """J of the equation of motion: k J drives forward whirl, g Ω J on the velocity stiffens it."""
 FORWARD = np.array([1.0, -1j])
@@ -32,20 +36,16 @@ class Rotor:
     """Masses, springs and dampers in SI; pairs are along x and y. What is hidden is zero unless given."""
 
     disk_mass: float
-    shaft_mass: float
     polar: float
     """Moment of inertia of the disk about the shaft [kg m²]; about a diameter it is half of that."""
-    length: float
-    """Between the bearings [m]."""
-    position: float
-    """Of the disk, as a share of the length."""
-    bending: float
-    """Bending stiffness E I of the shaft [N m²]."""
+    shaft: Shaft
     bearing_stiffness: tuple[float, float]
     """Of each bearing."""
     bearing_damping: tuple[float, float]
     """Of each bearing: in series with the shaft."""
     disk_damping: tuple[float, float]
+    second_bearing: float = 1.0
+    """Stiffness and damping of bearing B over those of bearing A."""
     gravity: tuple[float, float] = (0.0, 0.0)
     unbalance: complex = 0.0
     """Left in the disk [kg m]."""
@@ -73,7 +73,7 @@ class Rotor:
     gyroscopic: float = 0.0
     """Of a part that tilts as the disk is deflected, polar moment times (slope over deflection)² [kg]."""
     turning: float = 1.0
-    """Share of the gyroscopic moment of the tilting disk that acts: zero to see what it brings."""
+    """Share of the gyroscopic moments of the tilting disk and of the shaft that acts: zero to see what it brings."""
     frame: Frame | None = None
     late: tuple[float, float] = (0.0, 0.0)
     """Stiffness [N/m] and delay [s] of a force on the disk that follows its motion late."""
@@ -83,7 +83,7 @@ class Rotor:
     @property
     def places(self) -> int:
         """Degrees of freedom of a plane."""
-        return 4 if self.frame is None else 5
+        return len(self.shaft.mass) + (0 if self.frame is None else 1)
 
     def at_disk(self) -> np.ndarray:
         """Row for x and row for y that pick the displacement of the disk."""
@@ -92,41 +92,30 @@ class Rotor:
     def shaft_deflection(self) -> np.ndarray:
         """The same for how far the disk is off the line between the journals."""
         row = np.zeros((1, self.places))
-        row[0, [A, B, DISK]] = -(1.0 - self.position), -self.position, 1.0
+        row[0, [A, B, DISK]] = -(1.0 - self.shaft.position), -self.shaft.position, 1.0
         return np.kron(np.eye(2), row)
 
-    def shaft(self) -> np.ndarray:
-        """Stiffness of the shaft in one plane: two beam elements (Euler, Bernoulli), the slopes at the journals
-        condensed.
-        """
-        whole = np.zeros((6, 6))
-        left, right = self.position * self.length, (1.0 - self.position) * self.length
-        # Displacement and slope at A, at the disk, at B.
-        for first, span in ((0, left), (2, right)):
-            s = span
-            element = np.array(
-                [[12, 6 * s, -12, 6 * s], [6 * s, 4 * s**2, -6 * s, 2 * s**2], [-12, -6 * s, 12, -6 * s],
-                 [6 * s, 2 * s**2, -6 * s, 4 * s**2]]
-            )  # fmt: skip
-            whole[first : first + 4, first : first + 4] += self.bending / s**3 * element
-        kept, free = [0, 4, 2, 3], [1, 5]
-        coupling = whole[np.ix_(kept, free)]
-        small = whole[np.ix_(kept, kept)] - coupling @ np.linalg.solve(whole[np.ix_(free, free)], coupling.T)
-        return np.pad(small, (0, self.places - 4))
+    def _padded(self, shaft: np.ndarray) -> np.ndarray:
+        """A matrix of the shaft, among all places of a plane."""
+        return np.pad(shaft, (0, self.places - len(shaft)))
 
     def matrices(self, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness at a speed [rad/s]: M q̈ + C q̇ + K q = F."""
         n, growth = self.places, (speed / self.reference_speed) ** 2
-        disk, shaft = self.at_disk(), np.kron(np.eye(2), self.shaft())
-        half = 0.5 * self.shaft_mass
-        masses = [half / 2, half / 2, self.disk_mass + self.mass_added + half, 0.5 * self.polar]
-        mass = np.kron(np.eye(2), np.diag([*masses, *([] if self.frame is None else [self.frame.mass])]))
+        disk, shaft = self.at_disk(), np.kron(np.eye(2), self._padded(self.shaft.stiffness))
+        masses = np.zeros(n)
+        masses[[DISK, SLOPE]] = self.disk_mass + self.mass_added, 0.5 * self.polar
+        if self.frame is not None:
+            masses[FRAME] = self.frame.mass
+        mass = np.kron(np.eye(2), np.diag(masses) + self._padded(self.shaft.mass))
         bearings, dampers = self._bearings(self.bearing_stiffness, self.axes), self._bearings(self.bearing_damping, 0.0)
         stiffness = shaft + bearings + disk.T @ (np.diag(self.spring) + growth * np.diag(self.spring_growing)) @ disk
         factor = np.kron(np.diag(self.damping_factor), np.eye(n))
+        dampers = dampers + np.kron(np.eye(2), self._padded(self.shaft.damping))
         damping = np.sqrt(factor) @ (dampers + disk.T @ np.diag(self.disk_damping) @ disk) @ np.sqrt(factor)
         tilt = np.kron(np.eye(2), np.eye(n)[[SLOPE]])
         turning = self.turning * self.polar * tilt.T @ WHIRL @ tilt + self.gyroscopic * disk.T @ WHIRL @ disk
+        turning = turning + self.turning * np.kron(WHIRL, self._padded(self.shaft.gyroscopic))
         damping = damping + speed * turning + self.internal * disk.T @ disk
         stiffness = stiffness + disk.T @ ((self.cross + speed * self.internal) * WHIRL) @ disk
         if self.frame is not None:
@@ -143,13 +132,13 @@ class Rotor:
         turn = np.array([[cosine, -sine], [sine, cosine]])
         turned = turn @ np.diag(pair) @ turn.T
         total = np.zeros((2 * self.places, 2 * self.places))
-        for journal in (A, B):
+        for journal, share in ((A, 1.0), (B, self.second_bearing)):
             row = np.zeros((1, self.places))
             row[0, journal] = 1.0
             if self.frame is not None:
                 row[0, FRAME] = -1.0
             spread = np.kron(np.eye(2), row)
-            total += spread.T @ turned @ spread
+            total += spread.T @ (share * turned) @ spread
         return total
 
     def bent(self, speed: float) -> complex:
@@ -164,18 +153,16 @@ class Rotor:
         bow[DISK] = 1.0
         bow[SLOPE] = self._free_slope()
         once = (speed**2 * (self.unbalance + installed) + self.force_1) * disk.T @ FORWARD
-        once = once + self.bent(speed) * np.kron(FORWARD, self.shaft() @ bow)
-        weight = np.zeros(2 * self.places)
-        if any(self.gravity):
-            mass = np.diag(self.matrices(speed)[0]).reshape(2, -1).copy()
-            # Places and probes are counted from where the frame stands.
-            mass[:, [SLOPE, *range(FRAME, self.places)]] = 0.0
-            weight = (np.array(self.gravity)[:, None] * mass).ravel()
+        once = once + self.bent(speed) * np.kron(FORWARD, self._padded(self.shaft.stiffness) @ bow)
+        # Places and probes are counted from where the frame stands, modes from the line of journals and disk.
+        lifted = np.zeros(self.places)
+        lifted[[A, B, DISK]] = 1.0
+        weight = self.matrices(speed)[0] @ np.kron(self.gravity, lifted)
         return {0: weight.astype(complex), 1: once, 2: disk.T @ np.array(self.force_2)}
 
     def _free_slope(self) -> float:
         """Slope of the disk per deflection of the shaft there, no moment on it."""
-        shaft = self.shaft()
+        shaft = self.shaft.stiffness
         return float(-shaft[SLOPE, DISK] / shaft[SLOPE, SLOPE])
 
     def dynamic_stiffness(self, speed: float, order: int) -> np.ndarray:
@@ -200,6 +187,6 @@ class Rotor:
         disk = self.at_disk()
         damping = damping - abs(self.late[0]) / self.reference_speed * disk.T @ disk
         n = len(mass)
-        inverse = np.diag(1.0 / np.diag(mass))
+        inverse = np.linalg.inv(mass)
         state = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]])
         return float(np.max(np.linalg.eigvals(state).real))

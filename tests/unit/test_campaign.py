@@ -25,6 +25,9 @@ from score_page import write_page
 SCALE = Scale(1e-4, 2.0, (8e4, 7e4), 0.02, 190.0, 2e-5, 2e-4, 0.95, (1, 2))
 LINEAR, MISTAKEN = 5, 7
 """Seeds of a linear effect and of a mistake."""
+LINEAR_VECTOR = -1.5387952409312518e-06 + 4.6269126272588145e-07j
+OVERHUNG, BETWEEN = 4903, 4908
+"""Seeds of finite-element rotors with a linear effect."""
 
 
 def row(**changes):
@@ -55,11 +58,27 @@ def test_a_case_is_drawn_alike_twice_at_the_improvement_stated():
     assert 10.0 < one.effects[0].improvement < 1.2e4
 
 
-def test_files_are_read_as_they_are_meant(tmp_path):
-    case = draw(LINEAR)
+def test_cases_stay_as_they_were_drawn():
+    """Before and since the shafts of finite elements."""
+    assert draw(LINEAR).vectors[0, 0, 0] == pytest.approx(LINEAR_VECTOR, rel=1e-6)
+
+
+@pytest.mark.parametrize(("seed", "overhung"), [(OVERHUNG, True), (BETWEEN, False)])
+def test_a_finite_element_rotor_is_drawn(seed, overhung):
+    case = draw(seed)
+    shaft = case.plant.rotor.shaft
+    assert (shaft.position > 1.0) is overhung
+    assert 1e-4 < case.stated.tolerance < 0.1
+    assert case.detail["gyroscopic"] > 0.0
+    assert 0.9 < case.stated.mass / (case.plant.rotor.disk_mass + shaft.mass[2, 2]) < 1.1
+
+
+@pytest.mark.parametrize("seed", [LINEAR, OVERHUNG, BETWEEN])
+def test_files_are_read_as_they_are_meant(tmp_path, seed):
+    case = draw(seed)
     write([case], tmp_path / "cases")
-    rig = read_rig(tmp_path / "cases" / f"{LINEAR:06d}.toml")
-    measurement = read_measurement(tmp_path / "cases" / f"{LINEAR:06d}.csv", rig)
+    rig = read_rig(tmp_path / "cases" / f"{seed:06d}.toml")
+    measurement = read_measurement(tmp_path / "cases" / f"{seed:06d}.csv", rig)
     assert np.allclose(measurement.vectors, case.vectors, rtol=1e-5, atol=1e-12)
     assert measurement.knowledge.tolerance == pytest.approx(case.stated.tolerance, rel=1e-3)
     plain = np.asarray(response(rig.model.with_orders(measurement.orders), measurement.conditions))
