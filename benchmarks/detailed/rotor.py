@@ -2,8 +2,8 @@
 their own. Shares no code with rotorjax.
 
 Degrees of freedom of each plane, x first, then y: journal A, journal B, disk, slope of the disk, modes of the shaft,
-and the frame where the bearings stand on one. The shaft is free to turn in the bearings. Displacement(t) = Re[q_n e^{inφ}],
-the shaft turns from x towards y.
+and the frame where the bearings stand on one. The shaft is free to turn in the bearings. Displacement(t) =
+Re[q_n e^{inφ}], the shaft turns from x towards y.
 """
 
 import dataclasses
