@@ -1,8 +1,11 @@
 """Drawn cases of the detailed rotor, and the scores of answers to them."""
 
 import csv
+import hashlib
 import json
+import re
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +88,25 @@ def test_files_are_read_as_they_are_meant(tmp_path, seed):
     assert np.allclose(plain, case.stated.predicted(case.plan), rtol=1e-5, atol=1e-12)
     told = json.loads((tmp_path / "cases-answers.jsonl").read_text())
     assert told == json.loads(json.dumps(truth(case)))
+
+
+def test_frozen_cases_are_those_of_the_page(tmp_path):
+    root = Path(__file__).parents[2]
+    stated = dict(
+        re.findall(r"(detailed_[\w-]+\.\w+)`\].*`(\w{64})` \|", (root / "docs/benchmark.md").read_text("utf-8"))
+    )
+    files = sorted((root / "benchmarks" / "cases").iterdir())
+    assert stated == {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    answers, cases = files
+    seeds = [json.loads(line)["seed"] for line in answers.read_text(encoding="utf-8").splitlines()]
+    assert seeds == list(range(3020, 3120))
+    with zipfile.ZipFile(cases) as kept:
+        assert sorted(kept.namelist()) == sorted(
+            f"cases/{seed:06d}.{kind}" for seed in seeds for kind in ("csv", "toml")
+        )
+        kept.extractall(tmp_path)
+    rig = read_rig(tmp_path / "cases" / "003119.toml")
+    assert len(read_measurement(tmp_path / "cases" / "003119.csv", rig).run) > 5
 
 
 def test_further_readings_are_of_the_same_rotor(tmp_path, rng):
