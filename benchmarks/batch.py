@@ -20,7 +20,7 @@ from rotorjax.batch.pool import Processes
 from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
 
-CASES, SHORT = 8, 400
+CASES, SHORT = 40, 400
 EXAMPLE = Path(__file__).parent.parent / "rotorjax" / "data" / "example"
 
 
@@ -74,6 +74,7 @@ def main() -> None:
         )
     clock, processor = taken[1] / taken[2], 2 * work[1] / work[2]
     print(f"two workers against one: {clock:.2f} by the clock, {processor:.2f} by processor time")
+    print(f"{3600 / work[1]:.0f} cases a processor and hour; a thousand take {work[1] / 3.6:.2f} processor hours")
     for milliseconds in (0, 100):
         seconds, first, _ = timed(asleep, [milliseconds] * SHORT, 2)
         each = (seconds - first) / (SHORT - 1) * 2
