@@ -2,8 +2,9 @@
 Levenberg-Marquardt.
 
 Where forces are nonlinear a descent begins with the motion that was measured, which need not balance, and the
-balance is enforced more and more strictly as it goes on (`rotorjax.inference.linearised`). No equation of motion is
-solved on the way, so that none can fail; at the end the balance is exact, or the cases are named in which it is not.
+balance is enforced more and more strictly as it goes on (`rotorjax.inference.linearised`). Once little freedom is left
+the motions are brought to balance after every step (`rotorjax.inference.motions`); a fit whose motions do not balance
+at the end is not exact, and says so.
 """
 
 import math
