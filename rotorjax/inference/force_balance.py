@@ -25,7 +25,7 @@ from rotorjax.model.contract import ReadingEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
 from rotorjax.physics.harmonic_balance import grid_of, make_grid
-from rotorjax.physics.planar import Matrix, Vector
+from rotorjax.physics.planar import DOF, Matrix, Vector
 from rotorjax.physics.restoring_forces import Inputs, force_slopes, parameters_of
 from rotorjax.physics.steady_state import Ready, by_order
 
@@ -62,7 +62,7 @@ class ForceBalance:
     def make_ahead(self, conditions: Conditions) -> None:
         """Make its program in the background, for conditions like these."""
         each = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
-        self._balance.make_ahead(self.values[None], *each, np.zeros((1, 2, self._coefficients)))
+        self._balance.make_ahead(self.values[None], *each, np.zeros((1, DOF, self._coefficients)))
 
     def at(
         self,

@@ -8,7 +8,7 @@ finds it in the cache.
 import dataclasses
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from rotorjax.inference.space import Space, once_for_each
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.harmonic_balance import Grid, grid_of
-from rotorjax.physics.planar import Matrix, Vector
+from rotorjax.physics.planar import DOF, Matrix, Vector
 from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
 from rotorjax.physics.response import linear_vectors
 from rotorjax.physics.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
@@ -94,6 +94,9 @@ class Refined(NamedTuple):
 class Kernels:
     """The kernels of one parameter space."""
 
+    dof: ClassVar[int] = DOF
+    """Degrees of freedom of a motion; what fits motions takes their number from here."""
+
     def __init__(self, space: Space) -> None:
         orders = space.model.layout.orders
         self.grid: Grid = grid_of(space.model)
@@ -131,8 +134,8 @@ class Kernels:
         )
         self._swept.make_ahead(*rows)
         steady = self._filled(rows).steady
-        self._balanced.make_ahead(*steady, np.zeros((1, 2, self.coefficients)))
-        self._refined.make_ahead(*steady, np.zeros((1, 2, self.wide)))
+        self._balanced.make_ahead(*steady, np.zeros((1, self.dof, self.coefficients)))
+        self._refined.make_ahead(*steady, np.zeros((1, self.dof, self.wide)))
 
     @property
     def coefficients(self) -> int:

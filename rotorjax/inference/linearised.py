@@ -193,7 +193,9 @@ class Linearisation:
         self.states = States.of(data, None if model.slow_roll is None else float(model.slow_roll))
         order = np.concatenate([[0.0], np.repeat(self.kernels.grid.order_array[1:], 2)])
         stiffness, mass = float(np.mean(np.asarray(model.rotor.stiffness))), float(model.rotor.mass)
-        self._per_force = np.tile(1.0 / (stiffness + mass * (order * self.states.speed[:, None]) ** 2), 2)
+        self._per_force = np.tile(
+            1.0 / (stiffness + mass * (order * self.states.speed[:, None]) ** 2), self.kernels.dof
+        )
         self._weight = np.asarray(data.weight).reshape(len(data.speed), -1)
         # That of a state at slow roll is the largest of the cases that are less it.
         self._state_weight = np.zeros((len(self.states.speed), self._weight.shape[1]))
@@ -209,7 +211,7 @@ class Linearisation:
     @property
     def at_rest(self) -> Float[np.ndarray, "state dof wide"]:
         """Motions of nothing."""
-        return np.zeros((len(self.states.speed), 2, self.kernels.wide))
+        return np.zeros((len(self.states.speed), self.kernels.dof, self.kernels.wide))
 
     def at(self, points: Sequence[Point], free: Sequence[Int[np.ndarray, "_"]]) -> list[Linearised]:
         """Linearise at every point, by the unknowns that are free there."""

@@ -42,7 +42,7 @@ def first_motions(
             -one.freedom.newton,
             FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight))),
         )
-        likely = size**2 * _alike(free[: lin.cases].reshape(lin.cases, 2, lin.kernels.coefficients))
+        likely = size**2 * _alike(free[: lin.cases].reshape(lin.cases, lin.kernels.dof, lin.kernels.coefficients))
         along = likely @ np.swapaxes(one.freedom.seen, 1, 2)
         shown = one.freedom.seen @ along + np.eye(one.error.shape[1])
         # What was subtracted as slow roll is left as it is.

@@ -10,6 +10,9 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Inexact
 
+DOF = 2
+"""Degrees of freedom of a disk: along x and along y."""
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)

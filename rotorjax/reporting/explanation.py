@@ -84,7 +84,7 @@ def probable_table(found: Explanation) -> Table | None:
     more = [f"{len(chosen) - SHOWN} more are needed for {percent(CREDIBLE, 0)}."] if len(chosen) > SHOWN else []
     tried = [] if found.written.tried else ["Mistakes in rig file and table were not tried."]
     note = " ".join(["Among all sets of effects that were fitted.", *more, *tried])
-    return Table("The most probable explanations", ["what is hidden", "probability"], rows, note)
+    return Table("The most probable explanations", ["explanation", "probability"], rows, note)
 
 
 def _why_tied(tied: Alternative) -> str:
