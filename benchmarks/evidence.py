@@ -62,7 +62,7 @@ FORMS = 60
 GOAL = 0.5
 """Difference up to which the two agree."""
 ABOUT = """*Laplace*: log evidence as `explain` ranks by. *Importance*: the integral by importance sampling, with its
-standard error. *Nested*: by nested sampling, for every second row, with motions only where no more than three unknowns
+standard error. *Nested*: by nested sampling, for some rows, with motions only where no more than three unknowns
 are free. All of the same likelihood, prior and noise, up to the same constant. *Difference*: Laplace less the
 reference, that of the two with the smaller error. *At declared scales*: the same difference from importance sampling
 without the means over scales and forms, so that what is left is the shape of the optimum. *Motion*: with a force that

@@ -84,6 +84,14 @@ class MistakeRace(NamedTuple):
     left_out: bool = False
     """Whether the linearisations ran out before changes that may do as well as the answer were searched."""
 
+    def with_others(self, found: "MistakeRace") -> "MistakeRace":
+        """With what an earlier race found beside changes that this one did not search, or did not search to the end."""
+        known = {one.mistake for one in self.ranked}
+        others = [one for one in found.ranked if one.mistake not in known]
+        cut_off = [one for one in (*self.cut_off, *found.cut_off) if one != self.best.mistake]
+        ranked = sorted([*self.ranked, *others], key=LEAD, reverse=True)
+        return self._replace(ranked=tuple(ranked), cut_off=tuple(dict.fromkeys(cut_off)))
+
     @property
     def best(self) -> Answer:
         """The most probable."""
@@ -169,17 +177,17 @@ class Doubts(NamedTuple):
         of_weight = [one for one in self.changes if one.of_weight and _feels_the_weight(own)]
         doubted = self.changes if doubtful else of_weight
         if contest.budget.exhausted or not (doubted or screened):
-            return self.ranked([own], ())._replace(tried=bool(screened), left_out=bool(doubted))
+            return self.ranked([own], ())._replace(tried=bool(screened), left_out=bool(doubted or screened))
         noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
         stated = self.stated or screen(Change(None, contest), noise)
         if not screened:
             self.progress("whether something was written down wrongly")
             hopeless = _Reach.of(own, noise).hopeless
             screened = [screen(change, noise, hopeless=hopeless) for change in doubted]
-        elif doubtful and _feels_the_weight(own):
+        elif _feels_the_weight(own):
             # What linear effects leave beside a change says little of what they leave with a nonlinear force.
             known = {one.change.mistake for one in screened}
-            screened = [*screened, *(Screened(one, stated.end) for one in self.changes if one.mistake not in known)]
+            screened = [*screened, *(Screened(one, stated.end) for one in doubted if one.mistake not in known)]
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
         if misses(own):
             near = self._beside_its_forces(own, noise, near)

@@ -59,16 +59,24 @@ def race_of_mistakes(
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
     doubts = Doubts(contest, changes, screened, stated, most, always, progress)
     weights = [one for one in screened if one.change.of_weight]
-    own = None
+    found = None
     if stated and ahead:
         found, doubts = _without_what_is_stated(begun, stated, ahead, doubts)
         if found and found.best.mistake is not None:
             return found
-        own = found.best if found else None
     endless = bool(weights) or contest.measurement.sigma is None
-    own = own or _search_as_stated(begun, stated, most, progress, endless=endless)
-    share = math.inf if misses(own) else contest.budget.spent - before
-    own = own if always or misses(own) else _with_its_ties(own, catalog, progress)
+    own = found.best if found else _search_as_stated(begun, stated, most, progress, endless=endless)
+    raced = _doubted(own, doubts, catalog, contest.budget.spent - before)
+    return raced.with_others(found) if found else raced
+
+
+def _doubted(own: Answer, doubts: Doubts, catalog: Mapping[str, type[Effect]], spent: int) -> MistakeRace:
+    """An answer beside what is stated, or what ties with it and does better, raced against changes. **Arguments:**
+    ``spent``: linearisations on the answer, as many as each change may have where it holds.
+    """
+    budget, progress = doubts.contest.budget, doubts.progress
+    share, before = math.inf if misses(own) else spent, budget.spent - spent
+    own = own if doubts.always or misses(own) else _with_its_ties(own, catalog, progress)
     raced = doubts.race(own, share)
     if raced.best.mistake is not None or not misses(raced.best):
         return raced
@@ -76,7 +84,7 @@ def race_of_mistakes(
     own = _with_its_ties(raced.best, catalog, progress)
     if misses(own):
         return raced._replace(ranked=(own, *raced.ranked[1:]))
-    return doubts.race(own, contest.budget.spent - before)
+    return doubts.race(own, budget.spent - before)
 
 
 def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:

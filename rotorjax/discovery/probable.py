@@ -15,17 +15,18 @@ class Probable(NamedTuple):
     """Effects, and a mistake in what was written down, that together may be what is hidden."""
 
     names: tuple[str, ...]
-    """In alphabetical order, with what is too small to matter; empty where nothing is hidden."""
+    """Of both, in alphabetical order, with what is too small to matter; empty where nothing is missing."""
     probability: float
 
 
 def probable(contest: Contest, contenders: Iterable[Contender], written: MistakeRace) -> tuple[Probable, ...]:
     """Probability of every set of effects among those that were fitted, the most probable first.
 
-    p(M | z) = p(z | M) p(M) / Σ p(z | M') p(M'), with the evidence p(z | M) under the noise that the answer leaves and
-    prior odds p(M); answers beside other mistakes in rig file and table than that of the answer, or beside none, count
-    with their odds against it. What is in no set that was fitted has no share. **Arguments:** ``contenders`` beside
-    what the answer states; ``written``: the answers beside mistakes. **Source:** MacKay 1992, Neural Comput. 4:415-447.
+    p(M | z) = p(z | M) p(M) / Σ p(z | M') p(M'), with the evidence p(z | M) as fitted, or as foreseen to first order,
+    and prior odds p(M); answers beside other mistakes in rig file and table than that of the answer, or beside none,
+    count with their odds against it. What is in no set that was fitted has no share. **Arguments:** ``contenders``
+    beside what the answer states; ``written``: the answers beside mistakes.
+    **Source:** MacKay 1992, Neural Comput. 4:415-447.
     """
     mistake = () if written.best.mistake is None else (written.best.mistake.name,)
     logs: dict[frozenset[str], float] = {}

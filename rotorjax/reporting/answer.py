@@ -111,7 +111,8 @@ def _unexplained_why(found: Explanation) -> str:
     those = "those allowed" if found.restricted else "the catalogue"
     limit = "; the search limit was reached before all was tried" if found.cost.exhausted else ""
     if not found.named:
-        return f"no effect of {those} accounts for the difference between model and measurement{limit}."
+        tried = " that was tried" if limit else ""
+        return f"no effect of {those}{tried} accounts for the difference between model and measurement{limit}."
     one = len(found.named) == 1
     accounts = "accounts" if one else "account"
     if slight(found):

@@ -36,7 +36,7 @@ from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.reporting.wording import listed, opening, percent, plain_name, said
 
 SHOWN = 6
-"""Effects shown in a ranking."""
+"""Rows shown of a ranking."""
 SLIGHT = 0.05
 """Share of what was measured below which an unexplained rest may be a question of the declared noise."""
 ALIKE = 1.0
@@ -78,12 +78,13 @@ def ties_table(found: Explanation) -> Table | None:
 def probable_table(found: Explanation) -> Table | None:
     """The most probable explanations as wholes, until they have 95 % together."""
     chosen = credible(found.probable)
-    rows = [[" + ".join(one.names) or "nothing", percent(one.probability)] for one in chosen[:SHOWN]]
+    rows = [[" + ".join(one.names) or "none", percent(one.probability)] for one in chosen[:SHOWN]]
     if not rows:
         return None
     more = [f"{len(chosen) - SHOWN} more are needed for {percent(CREDIBLE, 0)}."] if len(chosen) > SHOWN else []
     tried = [] if found.written.tried else ["Mistakes in rig file and table were not tried."]
-    note = " ".join(["Among all sets of effects that were fitted.", *more, *tried])
+    limit = ["The search limit was reached before all was fitted."] if found.cost.exhausted else []
+    note = " ".join(["Among all sets of effects that were fitted.", *more, *tried, *limit])
     return Table("The most probable explanations", ["explanation", "probability"], rows, note)
 
 
