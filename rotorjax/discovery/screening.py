@@ -179,21 +179,49 @@ def beside_answer(
 
 def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change], noise: Noise) -> list[Screened]:
     """Changes beside which the costly effects of an answer that misses, and nothing else, leave less than it does, and
-    hardly more than beside the nearest: with all linear effects, too.
+    hardly more than beside the nearest: with all linear effects, too. Where there are none, one nonlinear force by
+    itself: beside what is stated another may have stood for that of the rotor.
 
     All are held against one another under a wide noise, which does not ask for what is small. Beside a strong spring
     and a trial weight on the opposite side no linear effect tells one change from another.
     """
     wide = Noise(WIDE * stated.measurement.rms)
     level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
-    alone = [(change, _costly_alone(change, own, wide, level + TIE)) for change in changes]
-    scored = [(fitted.best.cost - change.log_odds, change, fitted) for change, fitted in alone if fitted.balanced]
-    most = min([level, *(cost + HOPELESS for cost, _, _ in scored)])
+    alone = [_Alone(change, _costly_alone(change, own, wide, level + TIE)) for change in changes]
+    if not any(one.cost < level for one in alone):
+        alone = [one for change in changes for one in _one_force(change, own, wide, level + TIE)]
+    most = min([level, *(one.cost + HOPELESS for one in alone)])
     return [
-        screen(change._replace(known={one.effects: one}), noise, one, starts=[Start.at(one.best)], manner=BESIDE_FORCES)
-        for cost, change, one in sorted(scored, key=lambda entry: entry[0])
-        if cost < most
+        screen(
+            one.change._replace(known={one.fitted.effects: one.fitted}),
+            noise,
+            one.fitted,
+            starts=[Start.at(one.fitted.best)],
+            manner=BESIDE_FORCES,
+        )
+        for one in sorted(alone, key=lambda one: one.cost)
+        if one.cost < most
     ]
+
+
+class _Alone(NamedTuple):
+    """Nonlinear forces beside a change, and nothing else."""
+
+    change: Change
+    fitted: Contender
+
+    @property
+    def cost(self) -> float:
+        """Of the fit and of the prior odds of the change; without end where motions do not balance."""
+        return self.fitted.best.cost - self.change.log_odds if self.fitted.balanced else math.inf
+
+
+def _one_force(change: Change, own: Contender, noise: Noise, hopeless: float) -> list[_Alone]:
+    """The best nonlinear force beside a change by itself, if there is any but that of an answer."""
+    contest = change.contest
+    forces = [frozenset({name}) for name in contest.candidates if name in contest.coupled - own.effects]
+    fitted = race(contest, noise, forces, {}, hopeless=hopeless)
+    return sorted((_Alone(change, fitted[one]) for one in forces), key=lambda one: one.cost)[:1]
 
 
 def _costly_alone(change: Change, own: Contender, noise: Noise, hopeless: float) -> Contender:
