@@ -52,8 +52,7 @@ def _by_steps(found: Explanation) -> float:
 
 
 def _of_mistake(found: Explanation) -> float:
-    best, *others = found.written.ranked
-    return 1.0 / (1.0 + sum(math.exp(min(700.0, -best.lead(other))) for other in others))
+    return 1.0 / (1.0 + sum(found.written.odds))
 
 
 def _alternatives(found: Explanation, others) -> list[set[str]]:

@@ -98,6 +98,11 @@ class MistakeRace(NamedTuple):
         return self.ranked[0]
 
     @property
+    def odds(self) -> tuple[float, ...]:
+        """Of each of the others against the most probable."""
+        return tuple(math.exp(min(700.0, -self.best.lead(other))) for other in self.ranked[1:])
+
+    @property
     def tied(self) -> tuple[Answer, ...]:
         """Those within 3 log units of it."""
         return tuple(other for other in self.ranked[1:] if self.best.lead(other) < TIE)

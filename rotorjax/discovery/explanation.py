@@ -127,9 +127,8 @@ class Explanation(Reported):
 
     @cached_property
     def probable(self) -> tuple[Probable, ...]:
-        """Every set of effects that was fitted under the noise which the answer leaves, with mistakes in what was
-        written down, the most probable first; empty where nothing explains the data. As in
-        `rotorjax.discovery.probable.probable`.
+        """Every set of effects that was fitted near the answer, with mistakes in what was written down, the most
+        probable first; empty where nothing explains the data. As in `rotorjax.discovery.probable.probable`.
         """
         if self.verdict == "unexplained":
             return ()

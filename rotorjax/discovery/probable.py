@@ -39,10 +39,9 @@ def probable(contest: Contest, contenders: Iterable[Contender], written: Mistake
     top = max(logs.values())
     weights = {names: math.exp(log - top) for names, log in logs.items()}
     total = sum(weights.values())
-    odds = [math.exp(min(700.0, -written.best.lead(other))) for other in written.ranked[1:]]
-    share = 1.0 / (1.0 + sum(odds))
+    share = 1.0 / (1.0 + sum(written.odds))
     found = {names: share * weight / total for names, weight in weights.items()}
-    for other, against in zip(written.ranked[1:], odds, strict=True):
+    for other, against in zip(written.ranked[1:], written.odds, strict=True):
         names = frozenset((*other.named, *other.selection.small))
         found[names] = found.get(names, 0.0) + share * against
     return tuple(Probable(tuple(sorted(names)), p) for names, p in sorted(found.items(), key=lambda item: -item[1]))
