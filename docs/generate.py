@@ -152,12 +152,13 @@ def index_page() -> str:
     terms = [
         f"| `{name}` | {_plain(cls.meaning)} | {_plain(_line(cls.__doc__ or ''))} |"
         for name, cls in TERMS.items()
-        if name.endswith("_x")
+        if not name.endswith("_y")
     ]
     parts.append(
         "## Simple terms of a missing force\n\nWhere no effect of the catalogue explains the data, the missing "
-        "force is compared with these terms. Each exists along x and along y (`_y` in place of `_x`), and can be added "
-        "like an effect: `--effect term_cubic_x`."
+        "force is compared with these terms. Each acts along x and exists along y, too (`_y` in place of `_x`), but "
+        "for the two that grow with a power in every direction; each can be added like an effect: "
+        "`--effect term_cubic_x`."
     )
     parts.append("\n".join(["| term | what it is | equation |", "| --- | --- | --- |", *terms]))
     return "\n\n".join(parts) + "\n"

@@ -21,9 +21,9 @@ SHAPES = {
     "constant direction, once per turn": "term_pulsating",
     "constant direction, twice per turn": "term_pulsating_twice",
     "stiffness twice per turn": "term_turning_stiffness",
-    "fifth power": None,
+    "fifth power": "term_power_spring",
     "stiffened by the other direction": None,
-    "cubic damping": None,
+    "cubic damping": "term_power_damping",
 }
 """What is drawn -> the term that is this force, less its axis; none where no term is."""
 ORDERS = ((1,), (1, 2), (1, 2, 3), (0, 1, 2, 3), (0, 1, 2, 3, 4, 5))

@@ -245,6 +245,16 @@ def quadratic_damping(drag: float) -> Force:
     return lambda angle, q, v, d: drag * np.hypot(v[0], v[1]) * v
 
 
+def spring_of_power(stiffness: float, power: float, at: float) -> Force:
+    """Resists with k r (r / r₀)^(n - 1): as a spring of that stiffness does at the displacement r₀."""
+    return lambda angle, q, v, u: stiffness * (np.hypot(*u) / at) ** (power - 1.0) * u
+
+
+def damping_of_power(damping: float, power: float, at: float) -> Force:
+    """Resists with c s (s / s₀)^(n - 1), s the speed of vibration."""
+    return lambda angle, q, v, u: damping * (np.hypot(*v) / at) ** (power - 1.0) * v
+
+
 def coulomb_friction(force_n: float) -> Force:
     """F against the velocity, spread over a small speed."""
     return lambda angle, q, v, d: force_n * v / np.sqrt(v[0] ** 2 + v[1] ** 2 + STICTION**2)

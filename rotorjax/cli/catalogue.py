@@ -40,7 +40,7 @@ def _all(catalogue: dict[str, Any], width: int | None) -> str:
     ]
     note = (
         "\n`rotorjax effects NAME` shows its equation, parameters, prior scales and source, `rotorjax effects WORD` "
-        "what a word finds.\nSimple terms of a missing force, along one axis: "
+        "what a word finds.\nSimple terms of a missing force, along one axis or with a power that is fitted: "
     )
     note += ", ".join(name for name in catalogue if name.startswith("term_")) + "."
     return laid_out([Table("", _HEADERS, rows, note, spare=["family"])], width)

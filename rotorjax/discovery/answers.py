@@ -318,7 +318,7 @@ def near_changes(
     near = [one for one in screened if one not in with_forces and reach.holds(one) and one.differs(stated)]
     found = [one.without(costly) for one in near]
     if with_forces:
-        level, fitted = beside_answer(stated, with_forces, answer, noise, reach.hopeless)
+        level, fitted = beside_answer(stated, with_forces, answer, contest, noise, reach.hopeless)
         near = [one for one in fitted if reach.holds(one) and one.differs(level)]
         found += [one.without(costly - beside) for one in near]
     return sorted(found, key=lambda one: one.cost)

@@ -19,7 +19,7 @@ from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.mistakes import race_of_mistakes
-from rotorjax.discovery.named_force import NamedForce, name_force, other_force
+from rotorjax.discovery.named_force import NamedForce, name_force, other_force, other_power
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.own_effects import check_catalog
 from rotorjax.discovery.polished import fit_of, fits_of_steps
@@ -271,6 +271,7 @@ def _outside_the_catalogue(
     if not selection.effects or not stages.go("whether a force outside the catalogue would do as well"):
         return None, verdict
     named = other_force(first, last, selection.effects, doubtful=bool(last.objections(selection.effects)))
+    named = named or other_power(first, last, selection.effects)
     stages.ended("whether a force outside the catalogue would do as well")
     return named, verdict if named is None else "undecided"
 

@@ -1,6 +1,7 @@
 """Shapes that a missing force may have: effects that are linear in a few factors, and a scan of what is not linear.
 
-The size of a gap and the angle of a crack are tried one by one; what is left enters the balance of forces linearly.
+The size of a gap, the angle of a crack and the power of displacement or velocity are tried one by one; what is left
+enters the balance of forces linearly.
 """
 
 import math
@@ -9,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rotorjax.effects.power_terms import EXPONENT, PowerTerm
+from rotorjax.effects.term import Term
 from rotorjax.effects.terms import TERMS, AxisForce
 from rotorjax.model.contract import (
     AbstractRotor,
@@ -53,17 +56,22 @@ class Shape(NamedTuple):
     factors: tuple[dict[str, float], ...]
     positive: bool = False
     """Whether the factors must be."""
-    gap: str | None = None
-    """The held parameter that is one over a gap."""
+    scanned: str | None = None
+    """The held parameter of which values are tried one by one: one over a gap, or a power."""
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether it acts beyond a gap only."""
+        return self.scanned == GAP
 
     @property
     def unknowns(self) -> int:
-        """Factors, and the gap."""
-        return len(self.factors) + (self.gap is not None)
+        """Factors, and what is tried one by one."""
+        return len(self.factors) + (self.scanned is not None)
 
     @property
     def plain(self) -> str:
-        """What people call it, without the gap."""
+        """What people call it, without the gap or the power."""
         words = TERMS[self.term].words if self.term in TERMS else self.term.replace("_", " ")
         keys = [key for factor in self.factors for key in factor]
         if len(keys) == 1 and keys[0][-2:] in {"_x", "_y"}:
@@ -72,13 +80,27 @@ class Shape(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What people call it, with the gap."""
-        return self.plain if self.gap is None else with_gap(self.term, self.plain, self.held[self.gap])
+        """What people call it, with the gap or the power."""
+        return self.plain if self.scanned is None else with_value(self.term, self.plain, self.held[self.scanned])
+
+    def value_of(self, key: str, multiple: float) -> float:
+        """Of a parameter, where its factor is multiplied like that."""
+        part = sum(factor.get(key, 0.0) for factor in self.factors)
+        if self.scanned == EXPONENT:
+            return part * math.copysign(abs(multiple) ** (1.0 / (1.0 + self.held[EXPONENT])), multiple)
+        if self.term in LOGARITHMIC:
+            return math.log(max(1.0 + multiple * part, LEAST_FACTOR))
+        return multiple * part
 
 
-def with_gap(term: str, plain: str, inverse_gap: float) -> str:
-    """Words for a term with the size of its gap. **Arguments:** ``inverse_gap`` [1/m]."""
-    return f"{plain} {TERMS[term].reached if term in TERMS else 'beyond'} {1e3 / inverse_gap:.2g} mm"
+def with_value(term: str, plain: str, value: float) -> str:
+    """Words for a term with the size of its gap, or its power. **Arguments:** ``value``: one over the gap [1/m], or the
+    power less two.
+    """
+    cls = TERMS.get(term)
+    if cls is not None and issubclass(cls, PowerTerm):
+        return plain.replace("a power of", f"the power {2.0 + value:.2g} of")
+    return f"{plain} {cls.reached if cls is not None else 'beyond'} {1e3 / value:.2g} mm"
 
 
 def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Reach) -> Iterator[Shape]:
@@ -95,8 +117,12 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
             continue
         scale = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters()}
         if GAP in cls.over_amplitude:
-            sides = cls.sides if issubclass(cls, AxisForce) else AxisForce.sides
+            sides = cls.sides if issubclass(cls, Term) else Term.sides
             yield from (beyond(cls, rotor, reach, side * share) for side in sides for share in GAPS)
+        elif issubclass(cls, PowerTerm):
+            # At a size of its own: a power of its parameter.
+            size, _ = scale
+            yield from (Shape(name, {EXPONENT: x}, ({size: scale[size] / STEP},), scanned=EXPONENT) for x in cls.tried)
         elif name == "crack":
             for angle in 2.0 * math.pi * np.arange(CRACK_ANGLES) / CRACK_ANGLES:
                 pair = zip(scale.items(), (math.cos(angle), math.sin(angle)), strict=True)
@@ -114,4 +140,4 @@ def beyond(cls: type[Effect], rotor: AbstractRotor, reach: Reach, share: float) 
     largest = reach[cls().axis()] if issubclass(cls, AxisForce) else reach.radius
     held = {GAP: 1.0 / (share * largest)} | ({"friction": RUB_FRICTION} if cls.name == "rub" else {})
     free = {p.name: STEP * p.prior_scale(rotor) for p in cls.parameters() if p.name not in held}
-    return Shape(cls.name, held, tuple({key: size} for key, size in free.items()), positive=True, gap=GAP)
+    return Shape(cls.name, held, tuple({key: size} for key, size in free.items()), positive=True, scanned=GAP)

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.discovery.force_shapes import GAP, LEAST_FACTOR, LOGARITHMIC, STEP, Shape, beyond, shapes
+from rotorjax.discovery.force_shapes import GAP, STEP, Shape, beyond, shapes
 from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
+from rotorjax.effects.power_terms import EXPONENT, PowerDamping, PowerSpring
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.model.contract import Effect, ReadingEffect, SpeedEffect, WaveformEffect
@@ -45,9 +46,9 @@ class Candidate:
     """Key of the catalogue handed over, by default ``CATALOG | TERMS``."""
     words: str
     plain: str
-    """Words without the size of the gap."""
-    gap: str | None
-    """The parameter that is one over a gap, if there is one."""
+    """Words without the size of the gap, or the power."""
+    scanned: str | None
+    """The parameter that is one over a gap, or a power, if there is one."""
     coefficients: dict[str, float]
     """By parameter, in SI: ``catalog[term](**coefficients)`` is the effect; beside the other terms found."""
     seen: bool
@@ -175,6 +176,14 @@ def answers(
     return [answer, *held, *search.others(answer, singles, most - 1 - len(held))]
 
 
+def grows_otherwise(found: MissingForce, fitted: Collection[str]) -> bool:
+    """Whether a force that grows with another power would take away more than its price beside what was ``fitted``."""
+    if found.balance is None:
+        return False
+    search = _Search(found, found.balance, {cls.name: cls for cls in (PowerSpring, PowerDamping)}, fitted)
+    return any(search.cost(single) < search.cost(search.none) for single in search.fits([[e] for e in search.pool]))
+
+
 class _Search:
     """The terms to try, and what fits of them cost."""
 
@@ -225,7 +234,7 @@ class _Search:
         least = NO_SHARE * STEP * float(np.linalg.norm(self._balance.slopes @ motion))
         sizes = [np.linalg.norm(c.error, axis=1) for c in columns]
         touched = sum(np.count_nonzero(size > TOUCHED * np.max(size)) for size in sizes)
-        return any(float(np.max(size)) > least for size in sizes) and (shape.gap is None or bool(touched >= cases))
+        return any(float(np.max(size)) > least for size in sizes) and (not shape.has_gap or bool(touched >= cases))
 
     def cost(self, fitted: _Fitted) -> float:
         """Chi-square in units, and the price of the parameters."""
@@ -242,10 +251,10 @@ class _Search:
     def finer(self, leader: _Fitted, others: list[Entry], which: int = 0) -> list[_Fitted]:
         """The same with gaps around the leader's, where it has one."""
         shape = leader.own[which][0]
-        if shape.gap is None:
+        if not shape.has_gap:
             return []
         cls, rotor, reach = self._catalog[shape.term], self._found.model.rotor, self._found.reach
-        share = beyond(cls, rotor, reach, 1.0).held[shape.gap] / shape.held[shape.gap]
+        share = beyond(cls, rotor, reach, 1.0).held[GAP] / shape.held[GAP]
         near = [beyond(cls, rotor, reach, share + step) for step in FINER if 0.0 < abs(share + step) < 1.0]
         return self.fits([[*others, entry] for entry in self._entries(near) if self._matters(entry, LEAST_TOUCHED)])
 
@@ -287,7 +296,7 @@ class _Search:
         terms = [*parts, *others[:1], *alike, *others[1:]]
         chosen = list(dict.fromkeys(terms))[:most]
         return [
-            (self._candidate([self.none, best_of[term]], 0, every) if term in best_of else _unseen(term),)
+            (self._candidate([self.none, best_of[term]], 0, every) if term in best_of else unseen(term),)
             for term in chosen
         ]
 
@@ -302,10 +311,7 @@ class _Search:
         last, shape, at = path[-1], path[-1].own[which][0], path[-1].factors_of(which)
         coefficients = dict(shape.held)
         for factor, value in zip(shape.factors, last.factors[at], strict=True):
-            for key, part in factor.items():
-                coefficients[key] = float(value) * part
-                if shape.term in LOGARITHMIC:
-                    coefficients[key] = math.log(max(1.0 + coefficients[key], LEAST_FACTOR))
+            coefficients |= {key: shape.value_of(key, float(value)) for key in factor}
         company = {id(s) for s, _ in last.own} - {id(shape)}
         near = [
             f for f in others if company <= {id(s) for s, _ in f.own} and self.cost(f) < self.cost(last) + LEAST_GAIN
@@ -322,7 +328,7 @@ class _Search:
             shape.term,
             shape.words,
             shape.plain,
-            shape.gap,
+            shape.scanned,
             coefficients,
             True,
             fall / max(self.none.chi2, TINY),
@@ -337,16 +343,19 @@ def _holding(found: MissingForce, axis: int) -> Candidate:
     """
     term = f"term_dry_friction_{'xy'[axis]}"
     return dataclasses.replace(
-        _unseen(term), coefficients={TERMS[term].parameters()[0].name: float(np.max(np.abs(found.force[:, axis])))}
+        unseen(term), coefficients={TERMS[term].parameters()[0].name: float(np.max(np.abs(found.force[:, axis])))}
     )
 
 
-def _unseen(term: str) -> Candidate:
+def unseen(term: str) -> Candidate:
     """A term that the regression could not try, as it does nothing to the orders measured: only the response can say
     what it would do.
     """
-    words, gap = TERMS[term].words, next((name for name in TERMS[term].over_amplitude if name == GAP), None)
-    return Candidate(term, words, words, gap, {}, False, 0.0, 0.0, ())
+    words, scanned = (
+        TERMS[term].words,
+        next((p.name for p in TERMS[term].parameters() if p.name in (GAP, EXPONENT)), None),
+    )
+    return Candidate(term, words, words, scanned, {}, False, 0.0, 0.0, ())
 
 
 def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:

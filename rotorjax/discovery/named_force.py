@@ -9,14 +9,15 @@ from collections.abc import Mapping
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
-from rotorjax.discovery.force_shapes import Reach, with_gap
-from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers
+from rotorjax.discovery.force_shapes import Reach, with_value
+from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers, grows_otherwise, unseen
 from rotorjax.discovery.inferred_noise import Ahead
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
-from rotorjax.effects.terms import TERMS
+from rotorjax.effects.power_terms import OPENED, PowerTerm, with_power_open
+from rotorjax.effects.terms import NAMED, TERMS
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2
-from rotorjax.model.contract import Effect
+from rotorjax.model.contract import Effect, RestoringEffect
 from rotorjax.model.model import Model
 
 LARGE_SHARE = 0.8
@@ -57,15 +58,16 @@ class NamedForce:
 
     @property
     def words(self) -> str:
-        """The terms in plain words, gaps as fitted."""
+        """The terms in plain words, gaps and powers as fitted."""
         return _words(self.terms, self.fit)
 
 
 def _words(terms: tuple[Candidate, ...], fitted: Fit | None) -> str:
     values = {} if fitted is None else {(e.entry.effect, e.entry.label): e.value for e in fitted.estimates}
-    inverse = [values.get((term.term, term.gap), 0.0) if term.gap else 0.0 for term in terms]
+    fitted_values = [None if term.scanned is None else values.get((term.term, term.scanned)) for term in terms]
     return " and ".join(
-        with_gap(term.term, term.plain, one) if one else term.words for term, one in zip(terms, inverse, strict=True)
+        with_value(term.term, term.plain, value) if value is not None else term.words
+        for term, value in zip(terms, fitted_values, strict=True)
     )
 
 
@@ -108,6 +110,37 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
     return found.validated() if found.enough and found.fit is not None and _score(found.fit) < better else None
 
 
+def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedForce | None:
+    """A force of an answer with another power of displacement or of the speed of vibration, beside the other effects,
+    where it does much better: a cubic spring may be one of the fifth power.
+
+    Fitted only where the motion as measured asks for it. None where the noise is unknown. **Arguments:** as for
+    `name_force`.
+    """
+    measurement = answer.stage.measurement
+    own = {e.name: e for e in answer.model.effects if e.name in effects}
+    laws = [e for e in own.values() if e.name in OPENED and isinstance(e, RestoringEffect)]
+    if measurement.sigma is None or not laws:
+        return None
+    force = missing_force(answer.model.with_orders(measurement.orders), measurement)
+    if not grows_otherwise(force, {e.entry.effect for e in answer.estimates}):
+        return None
+    tried = []
+    for law in laws:
+        others = [e for name, e in own.items() if name != law.name]
+        term = with_power_open(law, declared.model.rotor)
+        tried.append(Trial(declared.model.plus([*others, term]), (*(e.name for e in others), term.name), near=True))
+    terms = [(unseen(trial.names[-1]),) for trial in tried]
+    fits = fit_trials(tried, _unprejudiced(measurement, declared.model, terms, NAMED), answer.stage.budget)
+    good = [
+        NamedForce(force, terms[k], tried[k].names[:-1], fitted)
+        for k, fitted in enumerate(fits)
+        if _believable(fitted) and _means_something(terms[k][0], fitted, force.reach) and _enough(fitted)
+    ]
+    best = min(good, key=lambda named: _score(named.fit), default=None)
+    return best.validated() if best is not None and _score(best.fit) < _score(answer) - LEAST_GAIN else None
+
+
 def _score(fitted: Fit) -> float:
     """Schwarz' criterion of what a fit leaves, for noise of unknown size (Schwarz 1978, Ann. Statist. 6:461-464)."""
     return _left(fitted, len(fitted.estimates))
@@ -144,7 +177,7 @@ def _named(
     scores = {
         k: _score(fitted)
         for k, fitted in enumerate(fits)
-        if _believable(fitted) and _all_reached(likely[k], fitted, force.reach)
+        if _believable(fitted) and all(_means_something(term, fitted, force.reach) for term in likely[k])
     }
     if not scores:
         return NamedForce(force, (), beside, None)
@@ -168,8 +201,14 @@ def _believable(fitted: Fit) -> bool:
     return fitted.end.exact and math.isfinite(fitted.end.cost) and not fitted.objections(fitted.free)
 
 
-def _all_reached(terms: tuple[Candidate, ...], fitted: Fit, reach: Reach) -> bool:
-    return all(reached(t.term, fitted.estimate(t.term, t.gap).value, reach) for t in terms if t.gap is not None)
+def _means_something(term: Candidate, fitted: Fit, reach: Reach) -> bool:
+    """Whether the rotor came to the end of a gap, and a power is none of which the catalogue has an effect."""
+    if term.scanned is None:
+        return True
+    found, cls = fitted.estimate(term.term, term.scanned), TERMS.get(term.term)
+    if cls is not None and issubclass(cls, PowerTerm):
+        return all(abs(found.value - usual) > fitted.quantile * found.standard_error for usual in cls.usual)
+    return reached(term.term, found.value, reach)
 
 
 def reached(term: str, inverse_gap: float, reach: Reach) -> bool:

@@ -15,10 +15,12 @@ from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.race import race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
+from rotorjax.inference.data import largest_displacement
 from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
 from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
+from rotorjax.model.contract import WITH_AMPLITUDE
 
 HALVED = 0.5
 """Share of the misfit, or of the cost with all linear effects, that a change must leave at most to count where it does
@@ -30,6 +32,8 @@ BEGUN = QUICK._replace(most_steps=5)
 BESIDE_FORCES = QUICK._replace(most_steps=16, again=False)
 """The same beside nonlinear forces, as many steps as motions need to balance: before, a cost says little.
 """
+GAINS = frozenset({"chain_gain", "probe_gain"})
+"""Effects that stand for another amplitude of vibration."""
 SAME = 1e-6
 """Difference of costs of one fit made twice."""
 
@@ -160,14 +164,16 @@ def screen(
 
 
 def beside_answer(
-    stated: Screened, changes: Collection[Screened], own: Contender, noise: Noise, hopeless: float
+    stated: Screened, changes: Collection[Screened], answer: Contender, contest: Contest, noise: Noise, hopeless: float
 ) -> tuple[Screened, list[Screened]]:
     """All linear effects with the costly ones of an answer, beside what is stated and beside changes, which do not go
     on where they promise a cost with which they are ``hopeless``; of a change with which the costly ones alone are not,
-    those alone: few values are found where many may lead astray.
+    those alone: few values are found where many may lead astray. **Arguments:** ``contest`` of the answer.
     """
-    level, fitted = screen(stated.change, noise, own, starts=[Start.at(own.best)], hopeless=hopeless), list[Screened]()
+    own, fitted = as_large_as_read(answer, contest, stated.change.contest), list[Screened]()
+    level = screen(stated.change, noise, own, starts=[Start.at(own.best)], hopeless=hopeless)
     for one in changes:
+        own = as_large_as_read(answer, contest, one.change.contest)
         alone = _costly_alone(one.change, own, noise, hopeless)
         if alone.balanced and alone.best.cost < hopeless:
             fitted.append(Screened(one.change, alone.best))
@@ -175,6 +181,25 @@ def beside_answer(
         starts = one.change.begun_from(level, own)
         fitted.append(screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless))
     return level, fitted
+
+
+def as_large_as_read(own: Contender, contest: Contest, there: Contest) -> Contender:
+    """An answer to begin with where the table says another amplitude of vibration: with nonlinear forces that do the
+    same to such a motion. Where the answer has an error of a gain, that stands for it, and the motion is the same.
+    **Arguments:** ``contest`` of the answer; ``there``: that in which it is to begin.
+    """
+    model = contest.space.model
+    larger = largest_displacement(there.space.model, there.measurement) / largest_displacement(
+        model, contest.measurement
+    )
+    if abs(math.log(larger)) < SAME or own.effects & GAINS:
+        return own
+    powers = np.zeros(len(own.best.point))
+    of = {(e.name, p.name): WITH_AMPLITUDE.get(p.of, 0.0) for e in model.effects for p in e.parameters()}
+    for entry in contest.space.entries:
+        if entry.effect in contest.costly and not entry.logarithmic:
+            powers[entry.unknown] = of[entry.effect, entry.parameter]
+    return own.led_by(own.best._replace(point=own.best.point * larger**powers, exact=False), own.noise)
 
 
 def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change], noise: Noise) -> list[Screened]:
@@ -187,7 +212,8 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
     """
     wide = Noise(WIDE * stated.measurement.rms)
     level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
-    alone = [_Alone(change, _costly_alone(change, own, wide, level + TIE)) for change in changes]
+    there = [(change, as_large_as_read(own, stated, change.contest)) for change in changes]
+    alone = [_Alone(change, _costly_alone(change, moved, wide, level + TIE)) for change, moved in there]
     if not any(one.cost < level for one in alone):
         alone = [one for change in changes for one in _one_force(change, own, wide, level + TIE)]
     most = min([level, *(one.cost + HOPELESS for one in alone)])

@@ -1,11 +1,11 @@
-"""Simple force terms along one axis: what a force may look like that no named effect of the catalogue explains.
+"""Simple force terms: what a force may look like that no named effect of the catalogue explains.
 
-Each acts along x or along y only, and is an effect like any other: ``explain(..., catalog=CATALOG | TERMS)``. Restoring
-terms resist, on the left-hand side beside K q, and depend on the motion of the disk in space; steady and pulsating ones
-push, on the right-hand side, like unbalance.
+Most act along x or along y only (two of those that grow with a power, `rotorjax.effects.power_terms`, in every
+direction), and each is an effect like any other: ``explain(..., catalog=CATALOG | TERMS)``. Restoring terms resist, on
+the left-hand side beside K q, and depend on the motion of the disk in space; steady and pulsating ones push, on the
+right-hand side, like unbalance.
 """
 
-import abc
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -13,7 +13,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from rotorjax.effects import CATALOG
+from rotorjax.effects.power_terms import AxisPowerDamping, AxisPowerSpring, PowerDamping, PowerSpring
 from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap, pull_objection
+from rotorjax.effects.term import AxisForce, Term
 from rotorjax.model.contract import (
     AbstractRotor,
     Effect,
@@ -36,30 +38,6 @@ LEAST_LENGTH = 1e-15
 def size(value: Array) -> Array:
     """|x|, with a slope at zero too."""
     return jnp.sqrt(value**2 + LEAST_LENGTH**2)
-
-
-class AxisForce(Effect):
-    """A force along one axis. The texts of a shape say {a} for the axis and {rate} for the velocity along it: see
-    `along`.
-    """
-
-    words: ClassVar[str]
-    """What people call it, in a few words."""
-    sides: ClassVar[tuple[float, ...]] = (1.0,)
-    """Signs that the gap may have, if there is one."""
-    alike: ClassVar[tuple[str, ...]] = ()
-    """Terms that do nearly the same to some orders, so that only the response may tell them apart."""
-    reached: ClassVar[str] = "of"
-    """The word between these words and the size of the gap."""
-
-    @abc.abstractmethod
-    def axis(self) -> int:
-        """0 for x, 1 for y."""
-
-    def placed(self, value: Array) -> Array:
-        """The pair that has this value along the axis."""
-        zero = jnp.zeros_like(value)
-        return jnp.stack([value, zero] if self.axis() == 0 else [zero, value])
 
 
 class Cubic(AxisForce, RestoringEffect):
@@ -342,12 +320,16 @@ _SHAPES = (
     Steady,
     Pulsating,
     PulsatingTwice,
+    AxisPowerSpring,
+    AxisPowerDamping,
 )
 _CLASSES = tuple(along(axis, shape) for shape in _SHAPES for axis in (0, 1))
 # Pickle finds a class by its name in the module.
 globals().update({cls.__name__: cls for cls in _CLASSES})
 
-TERMS: MappingProxyType[str, type[AxisForce]] = MappingProxyType({cls.name: cls for cls in _CLASSES})
+TERMS: MappingProxyType[str, type[Term]] = MappingProxyType(
+    {cls.name: cls for cls in (*_CLASSES, PowerSpring, PowerDamping)}
+)
 """Term name -> class. What the catalogue has radially (duffing, clearance, quadratic damping, friction) is not
 repeated.
 """

@@ -41,6 +41,12 @@ LEAST_DAMPING_RATIO = 1e-3
 """Damping ratio that sets the scale of damping effects where the rig file has less."""
 
 
+WITH_AMPLITUDE = {"cubic": -2.0, "curvature": -1.0, "drag": -1.0, "force": 1.0, "eccentricity": 1.0, "unbalance": 1.0}
+"""Power of the amplitude of vibration with which quantities of a rig go (`AbstractRotor.quantities`): where all moves
+twice as far, forces of twice the size, and gaps of twice the width, do the same.
+"""
+
+
 class AbstractRotor(eqx.Module):
     """A rotor as one station with two lateral degrees of freedom: nominal, before any effect."""
 

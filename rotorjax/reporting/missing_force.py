@@ -51,10 +51,11 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
     if found.verdict != "unexplained":
         how = (
             "A simpler force would do as well"
-            if len(named.terms) < len(found.effects)
+            if len(named.terms) + len(named.beside) < len(found.effects)
             else "A force outside the catalogue would do better"
         )
-        return f"{how}, {beside}: {words}. With it alone the error is {after} µm rms{held}."
+        alone = "" if named.beside else " alone"
+        return f"{how}, {beside}: {words}. With it{alone} the error is {after} µm rms{held}."
     rest = (
         ", which is what the noise allows"
         if named.enough

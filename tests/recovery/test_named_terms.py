@@ -220,3 +220,37 @@ def test_one_simple_term_in_the_place_of_several_effects():
             in explanation_text(found)
         )
     assert [t.term for t in found.named_force.terms] == [term]
+
+
+@pytest.mark.parametrize(
+    ("force", "effect", "term", "power", "words"),
+    [
+        (
+            in_time.spring_of_power(4e3, 5.0, 2e-4), "duffing", "term_power_spring", 5.0,
+            "spring that grows with the power {:.2g} of displacement",
+        ),
+        (
+            in_time.damping_of_power(3.0, 3.0, 0.03), "quadratic_damping", "term_power_damping", 3.0,
+            "damping that grows with the power {:.2g} of the speed of vibration",
+        ),
+    ],
+)  # fmt: skip
+def test_a_force_that_grows_with_another_power_than_the_catalogue_has(force, effect, term, power, words):
+    """The usual power comes near, is beaten by far, and the power is found with its interval."""
+    found = explain(MODEL, measure(force), only=[effect], mistakes=False)
+    assert found.effects == (effect,) or found.verdict == "unexplained"
+    assert [t.term for t in found.named_force.terms] == [term]
+    exponent = found.named_force.fit.estimate(term, "exponent_over_two")
+    assert exponent.value + 2.0 == pytest.approx(power, abs=0.3)
+    assert found.named_force.words == words.format(exponent.value + 2.0)
+    assert found.verdict != "explained"
+
+
+@pytest.mark.parametrize(
+    ("force", "effect"),
+    [(in_time.duffing(2e10), "duffing"), (in_time.quadratic_damping(300.0), "quadratic_damping")],
+)
+def test_the_usual_power_is_not_beaten(force, effect):
+    found = explain(MODEL, measure(force), mistakes=False)
+    assert (found.verdict, found.effects) == ("explained", (effect,))
+    assert found.named_force is None
