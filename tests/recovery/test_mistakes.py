@@ -26,13 +26,14 @@ from rotorjax import (
 from rotorjax.arrays import as_array
 from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
-from rotorjax.discovery.contest import make_contest
+from rotorjax.discovery.contest import Contender, Contest, make_contest
 from rotorjax.discovery.race import race
-from rotorjax.discovery.screening import Change, as_stated, beside_forces_of, of_what_fails
+from rotorjax.discovery.screening import Change, as_large_as_read, as_stated, beside_forces_of, of_what_fails
 from rotorjax.discovery.search import WIDE, begin, with_set
 from rotorjax.effects import CATALOG
+from rotorjax.inference.data import largest_displacement
 from rotorjax.inference.noise import NO_NOISE, Noise
-from rotorjax.model.contract import RestoringEffect, SweepEffect
+from rotorjax.model.contract import Instant, RestoringEffect, SweepEffect
 
 import hidden_forces
 import nonlinear_oracle as in_time
@@ -348,14 +349,39 @@ def test_mistakes_are_held_against_one_another_beside_the_force_of_an_answer_tha
     assert near[0].beside == {"rub"}
 
 
+@pytest.mark.parametrize("name", ["duffing", "clearance", "rub", "quadratic_damping", "coulomb_friction", "crack"])
+def test_a_force_does_the_same_where_the_table_says_another_amplitude(name):
+    """25.4 times the motion, 25.4 times the force: so an answer begins beside amplitudes in mil."""
+    drawn, _ = draw_with_mistake(31450)
+    contest = make_contest(drawn.model, drawn.measurement, CATALOG)
+    (mil,) = (one for one in mistakes(contest.space.model, contest.measurement) if one.name == "amplitude_unit.mil")
+    there = Change.of(contest, mil, 0.0).contest
+    none = race(contest, NO_NOISE, [frozenset()], {})[frozenset()]
+    point = np.where(contest.only_of([name]), 0.5, 0.0)
+    own = Contender(frozenset({name}), (none.best._replace(point=point),), 0.0, NO_NOISE)
+    larger = largest_displacement(there.space.model, there.measurement) / largest_displacement(
+        contest.space.model, contest.measurement
+    )
+    assert abs(np.log(larger)) == pytest.approx(np.log(25.4))
+
+    def force(of: Contest, contender: Contender, size: float) -> np.ndarray:
+        (effect,) = (e for e in of.space.model_at(contender.best.point).effects if e.name == name)
+        q = as_array(size * np.array([9e-4, 3e-4]))
+        return np.asarray(effect.force(Instant(of.space.model.rotor, as_array(200.0), as_array(0.4), q, 200.0 * q, q)))
+
+    first = force(contest, own, 1.0)
+    assert np.linalg.norm(first) > 0.0
+    np.testing.assert_allclose(force(there, as_large_as_read(own, contest, there), larger), larger * first, rtol=1e-3)
+
+
 @pytest.mark.campaign
-@pytest.mark.parametrize("seed", [31058, 31332, 31352, 31356, 31382, 31388, 31450, 31460, 31476, 31506])
+@pytest.mark.parametrize("seed", [31058, 31332, 31352, 31356, 31382, 31388, 31450, 31460, 31476, 31506, 31634])
 def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     """Gains far from their scale make up for amplitudes read as half of what they are beside a clearance, or in mil
     beside a cubic spring where the noise is unknown; beside dry friction a phase reference half a turn off and an
     unbalance for two runs exchanged, or either alone for a weight on the opposite side of a single run. Beside a rub or
     a strong cubic spring nothing makes up for a reversed probe, angles in the other sense or a weight on the opposite
-    side, and no linear effect tells these apart; beside a crack cross-coupling and an asymmetric shaft stand for a
+    side, and no linear effect tells these apart; amplitudes in mil hold with more effects; beside a crack cross-coupling and an asymmetric shaft stand for a
     wrong phase sign.
     """
     drawn, mistake = draw_with_mistake(seed)
