@@ -49,7 +49,8 @@ def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
     names = [term.term for term in found.terms]
     if names == [drawn.term]:
         return "right"
-    if any(TERMS[drawn.term].words in rival for rival in found.rivals):
+    opening, *_ = TERMS[drawn.term].words.split(" a power of ")
+    if any(opening in rival for rival in found.rivals):
         return "among several"
     return "with others" if drawn.term in names else "left open" if not found.enough else "WRONG"
 

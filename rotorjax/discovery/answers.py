@@ -204,8 +204,6 @@ class Doubts(NamedTuple):
     def _beside_its_forces(self, own: Answer, noise: Noise, near: list[Screened]) -> list[Screened]:
         """Changes near an answer that misses, those first that are beside its nonlinear forces."""
         contest, answer = own.selection.contest, own.selection.known[own.selection.present]
-        if not answer.effects & contest.coupled:
-            return near
         found = beside_forces_of(answer, contest, self.changes, noise)
         others = [one for one in near if all(one.change.mistake != other.change.mistake for other in found)]
         return [*found, *others][:MOST_SEARCHED]

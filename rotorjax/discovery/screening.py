@@ -205,7 +205,8 @@ def as_large_as_read(own: Contender, contest: Contest, there: Contest) -> Conten
 def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change], noise: Noise) -> list[Screened]:
     """Changes beside which the costly effects of an answer that misses, and nothing else, leave less than it does, and
     hardly more than beside the nearest: with all linear effects, too. Where there are none, one nonlinear force by
-    itself: beside what is stated another may have stood for that of the rotor.
+    itself: beside what is stated another, or linear effects that leave more than a wide noise, may have stood for that
+    of the rotor.
 
     All are held against one another under a wide noise, which does not ask for what is small. Beside a strong spring
     and a trial weight on the opposite side no linear effect tells one change from another.
@@ -213,7 +214,11 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
     wide = Noise(WIDE * stated.measurement.rms)
     level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
     there = [(change, as_large_as_read(own, stated, change.contest)) for change in changes]
-    alone = [_Alone(change, _costly_alone(change, moved, wide, level + TIE)) for change, moved in there]
+    alone = list[_Alone]()
+    if own.effects & stated.coupled:
+        alone = [_Alone(change, _costly_alone(change, moved, wide, level + TIE)) for change, moved in there]
+    elif 2.0 * level < LARGEST_HEALTHY_CHI2 * np.count_nonzero(stated.measurement.weights(0.0)):
+        return []
     if not any(one.cost < level for one in alone):
         alone = [one for change in changes for one in _one_force(change, own, wide, level + TIE)]
     most = min([level, *(one.cost + HOPELESS for one in alone)])
