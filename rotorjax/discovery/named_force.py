@@ -111,34 +111,41 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
 
 
 def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedForce | None:
-    """A force of an answer with another power of displacement or of the speed of vibration, beside the other effects,
-    where it does much better: a cubic spring may be one of the fifth power.
+    """A force of an answer with another power of displacement or of the speed of vibration: a cubic spring may be one
+    of the fifth power.
 
-    Fitted only where the motion as measured asks for it. None where the noise is unknown. **Arguments:** as for
-    `name_force`.
+    In its place beside the other effects if it does much better there, fitted where the motion as measured asks for
+    it; or in the place of all nonlinear forces if it does better than several. None where the noise is unknown.
+    **Arguments:** as for `name_force`.
     """
-    measurement = answer.stage.measurement
-    own = {e.name: e for e in answer.model.effects if e.name in effects}
-    laws = [e for e in own.values() if e.name in OPENED and isinstance(e, RestoringEffect)]
+    measurement, model = answer.stage.measurement, declared.model
+    own = [e for e in answer.model.effects if e.name in effects]
+    forces = [e for e in own if isinstance(e, RestoringEffect)]
+    laws = [e for e in forces if e.name in OPENED]
     if measurement.sigma is None or not laws:
         return None
     force = missing_force(answer.model.with_orders(measurement.orders), measurement)
-    if not grows_otherwise(force, {e.entry.effect for e in answer.estimates}):
-        return None
+    replaced = [[law] for law in laws if grows_otherwise(force, {e.entry.effect for e in answer.estimates})]
+    if len(forces) > 1:
+        replaced.append(forces)
     tried = []
-    for law in laws:
-        others = [e for name, e in own.items() if name != law.name]
-        term = with_power_open(law, declared.model.rotor)
-        tried.append(Trial(declared.model.plus([*others, term]), (*(e.name for e in others), term.name), near=True))
+    for gone in replaced:
+        others = [e for e in own if e not in gone]
+        term = with_power_open(next(e for e in gone if e in laws), model.rotor)
+        tried.append(Trial(model.plus([*others, term]), (*(e.name for e in others), term.name), near=True))
+    if not tried:
+        return None
     terms = [(unseen(trial.names[-1]),) for trial in tried]
-    fits = fit_trials(tried, _unprejudiced(measurement, declared.model, terms, NAMED), answer.stage.budget)
-    good = [
-        NamedForce(force, terms[k], tried[k].names[:-1], fitted)
+    fits = fit_trials(tried, _unprejudiced(measurement, model, terms, NAMED), answer.stage.budget)
+    scores = {
+        k: _score(fitted) + (LEAST_GAIN if len(replaced[k]) == 1 else 0.0)
         for k, fitted in enumerate(fits)
-        if _believable(fitted) and _means_something(terms[k][0], fitted, force.reach) and _enough(fitted)
-    ]
-    best = min(good, key=lambda named: _score(named.fit), default=None)
-    return best.validated() if best is not None and _score(best.fit) < _score(answer) - LEAST_GAIN else None
+        if _believable(fitted) and _enough(fitted) and _means_something(terms[k][0], fitted, force.reach)
+    }
+    best = min(scores, key=lambda k: scores[k], default=None)
+    if best is None or scores[best] >= _score(answer):
+        return None
+    return NamedForce(force, terms[best], tried[best].names[:-1], fits[best]).validated()
 
 
 def _score(fitted: Fit) -> float:
