@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
+from scipy.special import chdtrc
 
 from rotorjax.arrays import Numbers
 from rotorjax.data.given_arrays import (
@@ -36,6 +37,8 @@ STATED = {"amplitude_um_0pk": ("amplitude", "peak"), "phase_lead_deg": ("phase",
 if TYPE_CHECKING:
     from rotorjax.data.rig import Rig
 
+NOISE_ALONE = 0.01
+"""Probability of noise alone from which on nothing was measured."""
 MOST_NAMED = 5
 """Conditions named in one message."""
 CLUSTER_WIDTH = 0.02
@@ -210,6 +213,17 @@ class Measurement(Shown):
     def rms(self) -> float:
         """Root mean square of |z| over the cells present [m]."""
         return float(np.sqrt(np.mean(np.abs(self.vectors[self.present]) ** 2)))
+
+    @property
+    def shows_nothing(self) -> bool:
+        """Whether all that was read is zero, or may be noise: more than one in a hundred such tables of noise alone
+        have larger vectors.
+        """
+        if self.rms == 0.0 or self.sigma is None:
+            return self.rms == 0.0
+        size = np.abs(self.vectors[self.present]) / self.sigma[self.present]
+        numbers = 2 * len(size) - np.count_nonzero(self.present[..., np.array(self.orders) == 0.0])
+        return bool(chdtrc(numbers, np.sum(size**2)) > NOISE_ALONE)
 
     def rms_of(self, predicted: Complex[np.ndarray, "case probe order"]) -> float:
         """Root mean square of |measured - predicted| over the cells present, half orders at the sign nearer to the

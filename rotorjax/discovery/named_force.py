@@ -223,9 +223,10 @@ def reached(term: str, inverse_gap: float, reach: Reach) -> bool:
 
     **Arguments:** ``inverse_gap`` [1/m].
     """
-    axis_force = TERMS.get(term)
-    largest = reach.radius if axis_force is None else reach[axis_force().axis()]
-    sides = (1.0,) if axis_force is None else axis_force.sides
+    cls = TERMS.get(term)
+    axis = None if cls is None else cls().axis()
+    largest = reach.radius if axis is None else reach[axis]
+    sides = (1.0,) if cls is None else cls.sides
     return math.copysign(1.0, inverse_gap) in sides and abs(inverse_gap) * largest > 1.0
 
 

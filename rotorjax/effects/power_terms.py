@@ -124,7 +124,7 @@ class AxisPowerDamping(AxisForce, DampingTerm):
     tried: ClassVar[tuple[float, ...]] = (-0.5, 0.5, 1.0, 2.0)
 
 
-OPENED: dict[str, tuple[type[PowerTerm], float]] = {
+OPENED: dict[str, tuple[type[PowerSpring | PowerDamping], float]] = {
     "duffing": (PowerSpring, 1.0),
     "quadratic_damping": (PowerDamping, 0.0),
     "coulomb_friction": (PowerDamping, -2.0),
@@ -132,7 +132,7 @@ OPENED: dict[str, tuple[type[PowerTerm], float]] = {
 """Effects of the catalogue that grow with a power: the term in which that is open, and the power, less two."""
 
 
-def with_power_open(effect: RestoringEffect, rotor: AbstractRotor) -> PowerTerm:
+def with_power_open(effect: RestoringEffect, rotor: AbstractRotor) -> PowerSpring | PowerDamping:
     """The term that is the same force as an effect that grows with a power (one of `OPENED`)."""
     cls, power = OPENED[effect.name]
     moves = jnp.array([BALANCE_GRADE, 0.0])

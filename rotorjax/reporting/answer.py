@@ -100,6 +100,11 @@ def _undecided(found: Explanation) -> str:
 def _unexplained(found: Explanation) -> str:
     if found.contest.measurement.rms == 0.0:
         return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
+    if found.contest.measurement.shows_nothing:
+        return (
+            "Unexplained: what was measured is no more than the noise of the table; weights that were not installed, "
+            "probes or a recording that deliver nothing, and friction or a stop that holds the rotor look like that."
+        )
     books = "" if found.written.tried or found.written.left_out else f" {WRONG_BOOKS}"
     return f"Unexplained: {_unexplained_why(found)}{books}"
 

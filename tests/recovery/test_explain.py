@@ -231,7 +231,13 @@ POOR = {
     "sigma too small": lambda m: dataclasses.replace(m, sigma=m.sigma / 1000.0),
     "sigma too large": lambda m: dataclasses.replace(m, sigma=m.sigma * 1000.0),
     "all zero": lambda m: dataclasses.replace(m, vectors=np.zeros_like(m.vectors)),
+    "noise alone": lambda m: dataclasses.replace(m, vectors=_noise(m)),
 }
+
+
+def _noise(m):
+    rng = np.random.default_rng(8)
+    return m.sigma * (rng.standard_normal(m.vectors.shape) + 1j * rng.standard_normal(m.vectors.shape))
 
 
 @pytest.mark.parametrize("name", with_campaign(POOR, lambda name: name == "sigma too small"))
@@ -251,6 +257,9 @@ def test_poor_data_get_a_verdict_with_its_reason(name):
     if name == "all zero":
         assert (found.verdict, found.effects) == ("unexplained", ())
         assert "every measured vector is zero" in said
+    if name == "noise alone":
+        assert (found.verdict, found.named) == ("unexplained", ())
+        assert "friction or a stop that holds the rotor look like that" in said
     if "no sigma" in name:
         assert (told["noise"], told["p_value"]) == ("inferred", None)
     if name in ("one speed", "one reading"):

@@ -381,8 +381,9 @@ def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     beside a cubic spring where the noise is unknown; beside dry friction a phase reference half a turn off and an
     unbalance for two runs exchanged, or either alone for a weight on the opposite side of a single run. Beside a rub or
     a strong cubic spring nothing makes up for a reversed probe, angles in the other sense or a weight on the opposite
-    side, and no linear effect tells these apart; amplitudes in mil hold with more effects. Beside a crack cross-coupling and an asymmetric shaft stand for a
-    wrong phase sign, and cross-coupling and an unbalance for an asymmetric shaft that turns the other way.
+    side, and no linear effect tells these apart; amplitudes in mil hold with more effects. Beside a crack
+    cross-coupling and an asymmetric shaft stand for a wrong phase sign, and cross-coupling and an unbalance for an
+    asymmetric shaft that turns the other way.
     """
     drawn, mistake = draw_with_mistake(seed)
     found = explain(drawn.model, drawn.measurement)
