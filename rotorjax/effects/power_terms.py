@@ -11,6 +11,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
+from rotorjax.arrays import as_float
 from rotorjax.effects.restoring import AROUND, length
 from rotorjax.effects.term import AxisForce, Term
 from rotorjax.model.contract import BALANCE_GRADE, AbstractRotor, Family, Instant, Plan, RestoringEffect
@@ -137,5 +138,6 @@ def with_power_open(effect: RestoringEffect, rotor: AbstractRotor) -> PowerSprin
     cls, power = OPENED[effect.name]
     moves = jnp.array([BALANCE_GRADE, 0.0])
     instant = Instant(rotor, jnp.asarray(1.0), jnp.asarray(0.0), moves, moves, moves)
-    share = float(effect.force(instant)[0] / cls(1.0, power).force(instant)[0])
-    return cls(math.copysign(abs(share) ** (1.0 / (1.0 + power)), share), power)
+    one, exponent = as_float(1.0), as_float(power)
+    share = float(effect.force(instant)[0] / cls(one, exponent).force(instant)[0])
+    return cls(as_float(math.copysign(abs(share) ** (1.0 / (1.0 + power)), share)), exponent)
