@@ -17,7 +17,7 @@ from jaxtyping import Float
 from rotorjax.discovery.force_shapes import GAP, STEP, Shape, beyond, shapes
 from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
-from rotorjax.effects.power_terms import EXPONENT, PowerDamping, PowerSpring
+from rotorjax.effects.power_terms import EXPONENT, POWERS
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.model.contract import Effect, ReadingEffect, SpeedEffect, WaveformEffect
@@ -180,7 +180,7 @@ def grows_otherwise(found: MissingForce, fitted: Collection[str]) -> bool:
     """Whether a force that grows with another power would take away more than its price beside what was ``fitted``."""
     if found.balance is None:
         return False
-    search = _Search(found, found.balance, {cls.name: cls for cls in (PowerSpring, PowerDamping)}, fitted)
+    search = _Search(found, found.balance, POWERS, fitted)
     return any(search.cost(single) < search.cost(search.none) for single in search.fits([[e] for e in search.pool]))
 
 

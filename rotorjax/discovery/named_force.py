@@ -26,6 +26,9 @@ wants more than it.
 """
 UNSEEN = 30.0
 """Prior scales allowed for a term of which the regression sees nothing."""
+FIXED = {name: cls for name, cls in TERMS.items() if not issubclass(cls, PowerTerm)}
+"""Terms without a power that is fitted: what is left beside an answer is held against that by itself (`other_power`).
+"""
 FITTED = 7
 """Answers of the regression that are fitted in the response."""
 
@@ -102,10 +105,12 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
     **Arguments:** as for `name_force`.
     """
     alone = len(effects) == 1
-    if declared.stage.measurement.sigma is None or (alone and not doubtful and not _likely(answer, effects, {}, 1)[1]):
+    if declared.stage.measurement.sigma is None or (
+        alone and not doubtful and not _likely(answer, effects, {}, 1, FIXED)[1]
+    ):
         return None
     ahead = Ahead(first_cost=answer.end.cost, holds=True) if answer.misfit == 0.0 else Ahead()
-    found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead)
+    found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead, terms=FIXED if alone else TERMS)
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
     return found.validated() if found.enough and found.fit is not None and _score(found.fit) < better else None
 
@@ -138,7 +143,7 @@ def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedFo
     terms = [(unseen(trial.names[-1]),) for trial in tried]
     fits = fit_trials(tried, _unprejudiced(measurement, model, terms, NAMED), answer.stage.budget)
     scores = {
-        k: _score(fitted) + (LEAST_GAIN if len(replaced[k]) == 1 else 0.0)
+        k: _score(fitted) + (LEAST_GAIN if len(tried[k].names) == len(effects) else 0.0)
         for k, fitted in enumerate(fits)
         if _believable(fitted) and _enough(fitted) and _means_something(terms[k][0], fitted, force.reach)
     }
@@ -166,20 +171,23 @@ def _named(
     catalog: Mapping[str, type[Effect]],
     most: int | None = None,
     ahead: Ahead | None = None,
+    terms: Mapping[str, type[Effect]] = TERMS,
 ) -> NamedForce:
     """The likeliest answer of the regression in the response, where the motion need not be known at orders that were
     not measured.
 
     **Arguments:** ``most`` terms: where the regression wants more, only those that are most of the force by themselves
-    are tried; ``ahead``: what they have to reach.
+    are tried; ``ahead``: what they have to reach; ``terms`` beside the ``catalog``.
     """
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
-    force, likely = _likely(found, beside, catalog, FITTED)
+    force, likely = _likely(found, beside, catalog, FITTED, terms)
     if most is not None and likely and len(likely[0]) > most:
-        likely = [terms for terms in likely if len(terms) <= most and max(t.share for t in terms) >= LARGE_SHARE]
+        likely = [
+            several for several in likely if len(several) <= most and max(t.share for t in several) >= LARGE_SHARE
+        ]
     if not likely:
         return NamedForce(force, (), beside, None)
-    tried = [_trial(model, terms, beside, every) for terms in likely]
+    tried = [_trial(model, several, beside, every) for several in likely]
     fits = fit_trials(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget, ahead)
     scores = {
         k: _score(fitted)
@@ -250,14 +258,18 @@ def _unprejudiced(
 
 
 def _likely(
-    found: Fit, beside: tuple[str, ...], catalog: Mapping[str, type[Effect]], most: int
+    found: Fit,
+    beside: tuple[str, ...],
+    catalog: Mapping[str, type[Effect]],
+    most: int,
+    terms: Mapping[str, type[Effect]] = TERMS,
 ) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:
     """The force that a fit lacks, and the answers of the regression, the effects ``beside`` giving way."""
     model, measurement = found.model, found.stage.measurement
     force = missing_force(model.with_orders(measurement.orders), measurement)
     told = (
         tuple(t for t in terms if t.term not in model)
-        for terms in answers(force, dict(catalog) | TERMS, fitted=beside, most=most)
+        for terms in answers(force, dict(catalog) | dict(terms), fitted=beside, most=most)
     )
     return force, [terms for terms in told if terms]
 

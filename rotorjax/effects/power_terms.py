@@ -125,6 +125,8 @@ class AxisPowerDamping(AxisForce, DampingTerm):
     tried: ClassVar[tuple[float, ...]] = (-0.5, 0.5, 1.0, 2.0)
 
 
+POWERS: dict[str, type[PowerSpring | PowerDamping]] = {cls.name: cls for cls in (PowerSpring, PowerDamping)}
+"""Those that act in every direction: name -> class."""
 OPENED: dict[str, tuple[type[PowerSpring | PowerDamping], float]] = {
     "duffing": (PowerSpring, 1.0),
     "quadratic_damping": (PowerDamping, 0.0),
