@@ -344,7 +344,9 @@ def written(rows: list[Row], command: str) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=5039, help="seed to begin with (%(default)s)")
-    parser.add_argument("--seeds", type=int, default=18, help="number of cases (%(default)s: each effect drawn once)")
+    parser.add_argument(
+        "--seeds", type=int, default=18, help="number of seeds; those of unknown noise are left out (%(default)s)"
+    )
     parser.add_argument(
         "--nested", type=int, default=3, help="nested sampling for every so many rows (%(default)s; 0: none)"
     )

@@ -130,6 +130,8 @@ def main() -> None:
         rows = read_rows(options.score) if kept else read_answers(options.score, options.truth)
         print(write_page(rows, options.output, {"answers": options.score.name, **about(rows)}))
         return
+    if seeds.start < FINITE_ELEMENTS < seeds.stop:
+        sys.exit(f"seeds from {FINITE_ELEMENTS} on are of other rotors: give those below in a run of their own")
     cases = "detailed rotor" if options.first < FINITE_ELEMENTS else "finite-element rotor"
     configuration = {"cases": cases, "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
     with Store(options.output / "rows.sqlite", configuration) as store:

@@ -405,7 +405,12 @@ def test_two_machines_and_a_bad_file(tmp_path: Path, capsys):
             "SELECT name, verdict, effects, error_before_um, failure FROM results"
         )
     }
+    likely = dict(connection.execute("SELECT name, probability FROM results"))
+    sets = json.loads(*connection.execute("SELECT probable FROM results WHERE name = 'own.csv'").fetchone())
     connection.close()
+    assert likely["bad.csv"] is None
+    assert sets[0] == {"effects": "cross_coupling + residual_unbalance", "probability": likely["own.csv"]}
+    assert 0.95 < sum(one["probability"] for one in sets) <= 1.0
     right = ("explained", ["residual_unbalance", "cross_coupling"], pytest.approx(32.49, abs=0.01), None)
     assert found["measurement.csv"] == found["own.csv"] == right
     assert main(["explain", str(fleet / "bad.csv"), "--rig", str(fleet / "rig.toml")]) == 2
