@@ -8,6 +8,7 @@ below 872 were looked at while the method was made. Some half an hour; prints a 
 """
 
 import argparse
+import re
 import sys
 from pathlib import Path
 
@@ -34,6 +35,8 @@ small to see*: no more than noise to explain, and nothing named. *Outside*: no t
 named comes near it or is left open. *WRONG*: another term is named and leaves no more than the noise.
 
 Written by `python benchmarks/hidden_forces.py --output benchmarks/results`."""
+POWERS = {"fifth power": 5.0, "cubic damping": 3.0}
+"""Of the shapes of which the term has its power fitted."""
 SEEN = 1.1
 """Error over noise from which on there is something to explain."""
 
@@ -46,13 +49,20 @@ def judged(drawn: Drawn, found: NamedForce, before: float) -> str:
         return "too small to see"
     if drawn.term is None:
         return "outside: left open" if not found.enough else "outside: terms are enough"
-    names = [term.term for term in found.terms]
-    if names == [drawn.term]:
-        return "right"
-    opening, *_ = TERMS[drawn.term].words.split(" a power of ")
-    if any(opening in rival for rival in found.rivals):
+    if _said_in(found.words, drawn):
+        return "right" if len(found.terms) == 1 else "with others"
+    if any(_said_in(rival, drawn) for rival in found.rivals):
         return "among several"
-    return "with others" if drawn.term in names else "left open" if not found.enough else "WRONG"
+    return "left open" if not found.enough else "WRONG"
+
+
+def _said_in(words: str, drawn: Drawn) -> bool:
+    """Whether an answer has the term that is the force, with its power within 0.3 where that is fitted."""
+    opening, *_ = TERMS[drawn.term or ""].words.split(" a power of ")
+    power = re.search(re.escape(opening) + r" the power ([\d.-]+)", words)
+    if drawn.shape in POWERS:
+        return power is not None and abs(float(power[1]) - POWERS[drawn.shape]) < 0.3
+    return opening in words
 
 
 def main() -> None:

@@ -188,7 +188,8 @@ class Doubts(NamedTuple):
         if not screened:
             self.progress("whether something was written down wrongly")
             hopeless = _Reach.of(own, noise).hopeless
-            screened = [screen(change, noise, hopeless=hopeless) for change in doubted]
+            answer = own.selection.known[own.selection.present]
+            screened = [screen(one, noise, starts=one.near(answer), hopeless=hopeless) for one in doubted]
         elif _feels_the_weight(own):
             # What linear effects leave beside a change says little of what they leave with a nonlinear force.
             known = {one.change.mistake for one in screened}

@@ -84,8 +84,8 @@ def explain(  # noqa: PLR0913
     measurement.require_layout(full.layout)
     check_catalog(catalog, full.with_orders(measurement.orders))
     candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
-    if measurement.shows_nothing:
-        candidates, kinds = [], []  # a gain of zero would explain it all, and so would a rotor that is held
+    if measurement.rms == 0.0:
+        candidates, kinds = [], []  # a gain of zero would explain it all
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
     telling = Telling(progress, limit)
@@ -174,7 +174,7 @@ def _answer(
     verdict = _verdict(selection, ties, p, last, contest, confirmed=story.confirmed)
     contest.budget.release()
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
-    if verdict != "unexplained" and (stages.untried or written.tied):
+    if verdict != "unexplained" and (stages.untried or written.tied or story.hardly_moves):
         verdict = "undecided"
     if verdict == "nothing missing" and written.best.mistake is not None:
         verdict = "explained"
@@ -264,7 +264,8 @@ def _outside_the_catalogue(
     """The force that is missing where nothing explains, or one that does as well: then it is undecided."""
     first, last = fits[0], fits[-1]
     if verdict == "unexplained":
-        if not selection.contest.measurement.shows_nothing and stages.go("the force that is missing"):
+        measured = selection.contest.measurement.rms > 0.0
+        if measured and stages.go("the force that is missing"):
             return name_force(first, last, selection.effects, catalog), verdict
         return None, verdict
     if not selection.effects or not stages.go("whether a force outside the catalogue would do as well"):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorjax.effects.power_terms import EXPONENT, PowerTerm
+from rotorjax.effects.power_terms import POWER, DampingTerm, PowerTerm
 from rotorjax.effects.term import Term
 from rotorjax.effects.terms import TERMS, AxisForce
 from rotorjax.model.contract import (
@@ -86,8 +86,8 @@ class Shape(NamedTuple):
     def value_of(self, key: str, multiple: float) -> float:
         """Of a parameter, where its factor is multiplied like that."""
         part = sum(factor.get(key, 0.0) for factor in self.factors)
-        if self.scanned == EXPONENT:
-            return part * math.copysign(abs(multiple) ** (1.0 / (1.0 + self.held[EXPONENT])), multiple)
+        if self.scanned == POWER:
+            return part * math.copysign(abs(multiple) ** (1.0 / (1.0 + self.held[POWER])), multiple)
         if self.term in LOGARITHMIC:
             return math.log(max(1.0 + multiple * part, LEAST_FACTOR))
         return multiple * part
@@ -99,7 +99,7 @@ def with_value(term: str, plain: str, value: float) -> str:
     """
     cls = TERMS.get(term)
     if cls is not None and issubclass(cls, PowerTerm):
-        return plain.replace("a power of", f"the power {2.0 + value:.2g} of")
+        return plain.replace("a power of", f"the power {2.0 + value:.3g} of")
     return f"{plain} {cls.reached if cls is not None else 'beyond'} {1e3 / value:.2g} mm"
 
 
@@ -120,9 +120,9 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
             sides = cls.sides if issubclass(cls, Term) else Term.sides
             yield from (beyond(cls, rotor, reach, side * share) for side in sides for share in GAPS)
         elif issubclass(cls, PowerTerm):
-            # At a size of its own: a power of its parameter.
             size, _ = scale
-            yield from (Shape(name, {EXPONENT: x}, ({size: scale[size] / STEP},), scanned=EXPONENT) for x in cls.tried)
+            largest = reach.radius * (float(rotor.natural_frequency()) if issubclass(cls, DampingTerm) else 1.0)
+            yield from (Shape(name, {POWER: x}, ({size: 1.0 / largest},), scanned=POWER) for x in cls.tried)
         elif name == "crack":
             for angle in 2.0 * math.pi * np.arange(CRACK_ANGLES) / CRACK_ANGLES:
                 pair = zip(scale.items(), (math.cos(angle), math.sin(angle)), strict=True)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from rotorjax.discovery.force_shapes import GAP, STEP, Shape, beyond, shapes
 from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
-from rotorjax.effects.power_terms import EXPONENT, POWERS
+from rotorjax.effects.power_terms import POWER, POWERS
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.model.contract import Effect, ReadingEffect, SpeedEffect, WaveformEffect
@@ -176,12 +176,13 @@ def answers(
     return [answer, *held, *search.others(answer, singles, most - 1 - len(held))]
 
 
-def grows_otherwise(found: MissingForce, fitted: Collection[str]) -> bool:
-    """Whether a force that grows with another power would take away more than its price beside what was ``fitted``."""
+def other_powers(found: MissingForce, fitted: Collection[str]) -> frozenset[str]:
+    """Forces in proportion to a power that would take away more than their price beside what was ``fitted``."""
     if found.balance is None:
-        return False
+        return frozenset()
     search = _Search(found, found.balance, POWERS, fitted)
-    return any(search.cost(single) < search.cost(search.none) for single in search.fits([[e] for e in search.pool]))
+    singles = search.fits([[entry] for entry in search.pool])
+    return frozenset(one.own[0][0].term for one in singles if search.cost(one) < search.cost(search.none))
 
 
 class _Search:
@@ -348,12 +349,12 @@ def _holding(found: MissingForce, axis: int) -> Candidate:
 
 
 def unseen(term: str) -> Candidate:
-    """A term that the regression could not try, as it does nothing to the orders measured: only the response can say
-    what it would do.
+    """A term of which only the response says what it does: the regression did not try it, or could not, as it does
+    nothing to the orders measured.
     """
     words, scanned = (
         TERMS[term].words,
-        next((p.name for p in TERMS[term].parameters() if p.name in (GAP, EXPONENT)), None),
+        next((p.name for p in TERMS[term].parameters() if p.name in (GAP, POWER)), None),
     )
     return Candidate(term, words, words, scanned, {}, False, 0.0, 0.0, ())
 

@@ -5,12 +5,12 @@ do in the response.
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.fit import Fit, Trial, cross_validated, fit_trials
 from rotorjax.discovery.force_shapes import Reach, with_value
-from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers, grows_otherwise, unseen
+from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers, other_powers, unseen
 from rotorjax.discovery.inferred_noise import Ahead
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
@@ -24,6 +24,8 @@ LARGE_SHARE = 0.8
 """Share of the missing force that a term must have to be tried in the place of several effects where the regression
 wants more than it.
 """
+SAME_POWER = 0.1
+"""Difference up to which two powers are one."""
 UNSEEN = 30.0
 """Prior scales allowed for a term of which the regression sees nothing."""
 FIXED = {name: cls for name, cls in TERMS.items() if not issubclass(cls, PowerTerm)}
@@ -126,18 +128,14 @@ def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedFo
     measurement, model = answer.stage.measurement, declared.model
     own = [e for e in answer.model.effects if e.name in effects]
     forces = [e for e in own if isinstance(e, RestoringEffect)]
-    laws = [e for e in forces if e.name in OPENED]
-    if measurement.sigma is None or not laws:
+    laws = [e for e in forces if e.name in OPENED and OPENED[e.name][0].name not in answer.model]
+    left = missing_force(answer.model.with_orders(measurement.orders), measurement)
+    if measurement.sigma is None or left.balance is None or not laws:
         return None
-    force = missing_force(answer.model.with_orders(measurement.orders), measurement)
-    replaced = [[law] for law in laws if grows_otherwise(force, {e.entry.effect for e in answer.estimates})]
-    if len(forces) > 1:
-        replaced.append(forces)
-    tried = []
-    for gone in replaced:
-        others = [e for e in own if e not in gone]
-        term = with_power_open(next(e for e in gone if e in laws), model.rotor)
-        tried.append(Trial(model.plus([*others, term]), (*(e.name for e in others), term.name), near=True))
+    asked = other_powers(left, {e.entry.effect for e in answer.estimates})
+    replaced = [(law, [law]) for law in laws if OPENED[law.name][0].name in asked]
+    replaced += [(law, forces) for law in laws if len(forces) > 1]
+    tried = [_with_power_open(model, own, law, gone) for law, gone in replaced]
     if not tried:
         return None
     terms = [(unseen(trial.names[-1]),) for trial in tried]
@@ -145,12 +143,20 @@ def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedFo
     scores = {
         k: _score(fitted) + (LEAST_GAIN if len(tried[k].names) == len(effects) else 0.0)
         for k, fitted in enumerate(fits)
-        if _believable(fitted) and _enough(fitted) and _means_something(terms[k][0], fitted, force.reach)
+        if _believable(fitted) and _enough(fitted) and _means_something(terms[k][0], fitted, left.reach)
     }
     best = min(scores, key=lambda k: scores[k], default=None)
     if best is None or scores[best] >= _score(answer):
         return None
-    return NamedForce(force, terms[best], tried[best].names[:-1], fits[best]).validated()
+    *beside, term = tried[best].names
+    lacking = missing_force(fits[best].model.without(term).with_orders(measurement.orders), measurement)
+    return NamedForce(lacking, terms[best], tuple(beside), fits[best]).validated()
+
+
+def _with_power_open(model: Model, own: list[Effect], law: RestoringEffect, gone: Sequence[Effect]) -> Trial:
+    """The force of an effect with its power open in the place of some effects of an answer, beside the others."""
+    others, term = [e for e in own if e not in gone], with_power_open(law, model.rotor)
+    return Trial(model.plus([*others, term]), (*(e.name for e in others), term.name), near=True)
 
 
 def _score(fitted: Fit) -> float:
@@ -222,7 +228,8 @@ def _means_something(term: Candidate, fitted: Fit, reach: Reach) -> bool:
         return True
     found, cls = fitted.estimate(term.term, term.scanned), TERMS.get(term.term)
     if cls is not None and issubclass(cls, PowerTerm):
-        return all(abs(found.value - usual) > fitted.quantile * found.standard_error for usual in cls.usual)
+        least = max(SAME_POWER, fitted.quantile * found.standard_error)
+        return all(abs(found.value - usual) > least for usual in cls.usual)
     return reached(term.term, found.value, reach)
 
 

@@ -59,6 +59,15 @@ class Change(NamedTuple):
         space = dataclasses.replace(contest.space, model=model)
         return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
 
+    def near(self, own: Contender) -> list[Start]:
+        """Where linear effects begin beside an answer: at what is given, and at that answer without errors of the
+        reading, as they may stand for the change.
+        """
+        space, given = self.contest.space, self.contest.space.given_unknowns()
+        errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
+        kept = np.where(errors | self.contest.only_of(self.contest.costly), given, own.best.point)
+        return starts_at(np.stack([given, kept] if np.any(kept != given) else [given]))
+
     def begun_from(self, level: "Screened", own: Contender) -> list[Start]:
         """Where to begin: where all effects ended beside what is stated, and at the costly effects of an answer alone;
         but with a change of how the table is to be read at that answer without errors of the reading, as they may stand

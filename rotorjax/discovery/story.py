@@ -23,6 +23,8 @@ from rotorjax.physics.steady_state import is_coupled
 from rotorjax.shown import Reported
 from rotorjax.units import MICROMETRE
 
+FAR = 5.0
+"""Times what was measured that the model as declared moves at least where the rotor is said hardly to move."""
 CORRELATED = 0.95
 """Correlation of two estimates above which the data fix a combination of them only."""
 
@@ -68,6 +70,12 @@ class Story(Reported):
     def changed(self) -> bool:
         """Whether anything was fitted, so that there is a before and an after."""
         return self.mistake is not None or any(fitted.estimates for fitted in self.fits)
+
+    @property
+    def hardly_moves(self) -> bool:
+        """Whether no more than noise was measured, where the model as declared moves far: that has many causes."""
+        measurement = self.declared.measurement
+        return measurement.shows_nothing and self.declared.rms > FAR * measurement.rms
 
     @property
     def confirmed(self) -> bool:

@@ -17,7 +17,7 @@ from rotorjax.effects.term import AxisForce, Term
 from rotorjax.model.contract import BALANCE_GRADE, AbstractRotor, Family, Instant, Plan, RestoringEffect
 from rotorjax.model.parameters import parameter
 
-EXPONENT = "exponent_over_two"
+POWER = "power_less_two"
 """The parameter that is the power less two: zero where the force grows with the square, which has a slope at zero."""
 LEAST_SHARE = 1e-6
 """Smooths a size at zero, in the size at which the force equals that of the rotor."""
@@ -31,11 +31,11 @@ class PowerTerm(Term, RestoringEffect):
     tried: ClassVar[tuple[float, ...]]
     """Powers, less two, that a regression tries."""
 
-    def power_of(self, pair: Array, inverse_size: Array, exponent_over_two: Array) -> Array:
+    def power_of(self, pair: Array, inverse_size: Array, power_less_two: Array) -> Array:
         """κ s |κ s|^p (x, y), s the length of (x, y), or of what is along the axis."""
         axis = self.axis()
         seen = pair if axis is None else pair * jnp.eye(2)[axis]
-        return inverse_size * length(seen) * length(inverse_size * seen, LEAST_SHARE) ** exponent_over_two * seen
+        return inverse_size * length(seen) * length(inverse_size * seen, LEAST_SHARE) ** power_less_two * seen
 
 
 class SpringTerm(PowerTerm):
@@ -48,15 +48,16 @@ class SpringTerm(PowerTerm):
     inverse_size_per_m: Array = parameter(
         "one over the displacement at which its force equals that of the shaft", scale=0.1, of="curvature"
     )
-    exponent_over_two: Array = parameter("power of displacement, less two", scale=2.0, shape_only=True)
+    power_less_two: Array = parameter("power of displacement, less two", scale=2.0, shape_only=True)
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
-        {"inverse_size_per_m": side * 0.5, EXPONENT: 1.0} for side in (1.0, -1.0)
+        {"inverse_size_per_m": side * 0.5, POWER: 1.0} for side in (1.0, -1.0)
     )
     over_amplitude: ClassVar[tuple[str, ...]] = ("inverse_size_per_m",)
 
     def force(self, instant: Instant) -> Array:
-        stiffness = jnp.mean(instant.rotor.stiffness)
-        return stiffness * self.power_of(instant.deflection, self.inverse_size_per_m, self.exponent_over_two)
+        stiffness, axis = jnp.mean(instant.rotor.stiffness), self.axis()
+        moved = instant.deflection if axis is None else instant.position
+        return stiffness * self.power_of(moved, self.inverse_size_per_m, self.power_less_two)
 
 
 class DampingTerm(PowerTerm):
@@ -67,14 +68,14 @@ class DampingTerm(PowerTerm):
     relatives: ClassVar[tuple[str, ...]] = ("quadratic_damping", "damping_error")
     sufficient: ClassVar[Plan] = AROUND
     inverse_speed_s_per_m: Array = parameter(
-        "one over the speed of vibration at which it damps critically", scale=0.03 / BALANCE_GRADE
+        "one over the speed of vibration at which it damps critically", scale=0.03, of="slowness"
     )
-    exponent_over_two: Array = parameter("power of the speed of vibration, less two", scale=2.0, shape_only=True)
-    starts: ClassVar[tuple[dict[str, float], ...]] = ({"inverse_speed_s_per_m": 1.0, EXPONENT: 0.5},)
+    power_less_two: Array = parameter("power of the speed of vibration, less two", scale=2.0, shape_only=True)
+    starts: ClassVar[tuple[dict[str, float], ...]] = ({"inverse_speed_s_per_m": 1.0, POWER: 0.5},)
 
     def force(self, instant: Instant) -> Array:
         critical = 2.0 * jnp.sqrt(jnp.mean(instant.rotor.stiffness) * instant.rotor.mass)
-        return critical * self.power_of(instant.velocity, self.inverse_speed_s_per_m, self.exponent_over_two)
+        return critical * self.power_of(instant.velocity, self.inverse_speed_s_per_m, self.power_less_two)
 
 
 class PowerSpring(SpringTerm):
@@ -82,7 +83,7 @@ class PowerSpring(SpringTerm):
 
     name: ClassVar[str] = "term_power_spring"
     meaning: ClassVar[str] = "a spring that stiffens with some power of displacement (softens where negative)"
-    words: ClassVar[str] = "spring that grows with a power of displacement"
+    words: ClassVar[str] = "restoring force in proportion to a power of displacement"
     usual: ClassVar[tuple[float, ...]] = (-1.0, 1.0)
     tried: ClassVar[tuple[float, ...]] = (-0.5, 0.0, 2.0, 3.0, 4.0)
 
@@ -95,7 +96,7 @@ class AxisPowerSpring(AxisForce, SpringTerm):
 
     name: ClassVar[str] = "term_power_spring_{a}"
     meaning: ClassVar[str] = "a spring along {a} that stiffens with some power of displacement (softens where negative)"
-    words: ClassVar[str] = "spring along {a} that grows with a power of displacement"
+    words: ClassVar[str] = "restoring force along {a} in proportion to a power of displacement"
     usual: ClassVar[tuple[float, ...]] = (-1.0, 0.0, 1.0)
     tried: ClassVar[tuple[float, ...]] = (-0.5, 0.5, 2.0, 3.0, 4.0)
 
@@ -107,7 +108,7 @@ class PowerDamping(DampingTerm):
 
     name: ClassVar[str] = "term_power_damping"
     meaning: ClassVar[str] = "damping that grows with some power of the speed of vibration"
-    words: ClassVar[str] = "damping that grows with a power of the speed of vibration"
+    words: ClassVar[str] = "damping force in proportion to a power of the speed of vibration"
     usual: ClassVar[tuple[float, ...]] = (-2.0, -1.0, 0.0)
     tried: ClassVar[tuple[float, ...]] = (-0.5, 0.5, 1.0, 2.0)
 
@@ -120,7 +121,7 @@ class AxisPowerDamping(AxisForce, DampingTerm):
 
     name: ClassVar[str] = "term_power_damping_{a}"
     meaning: ClassVar[str] = "damping along {a} that grows with some power of the speed of vibration"
-    words: ClassVar[str] = "damping along {a} that grows with a power of the speed of vibration"
+    words: ClassVar[str] = "damping force along {a} in proportion to a power of the speed of vibration"
     usual: ClassVar[tuple[float, ...]] = (-2.0, -1.0, 0.0)
     tried: ClassVar[tuple[float, ...]] = (-0.5, 0.5, 1.0, 2.0)
 
@@ -130,7 +131,6 @@ POWERS: dict[str, type[PowerSpring | PowerDamping]] = {cls.name: cls for cls in 
 OPENED: dict[str, tuple[type[PowerSpring | PowerDamping], float]] = {
     "duffing": (PowerSpring, 1.0),
     "quadratic_damping": (PowerDamping, 0.0),
-    "coulomb_friction": (PowerDamping, -2.0),
 }
 """Effects of the catalogue that grow with a power: the term in which that is open, and the power, less two."""
 

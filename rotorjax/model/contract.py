@@ -41,7 +41,15 @@ LEAST_DAMPING_RATIO = 1e-3
 """Damping ratio that sets the scale of damping effects where the rig file has less."""
 
 
-WITH_AMPLITUDE = {"cubic": -2.0, "curvature": -1.0, "drag": -1.0, "force": 1.0, "eccentricity": 1.0, "unbalance": 1.0}
+WITH_AMPLITUDE = {
+    "cubic": -2.0,
+    "curvature": -1.0,
+    "drag": -1.0,
+    "slowness": -1.0,
+    "force": 1.0,
+    "eccentricity": 1.0,
+    "unbalance": 1.0,
+}
 """Power of the amplitude of vibration with which quantities of a rig go (`AbstractRotor.quantities`): where all moves
 twice as far, forces of twice the size, and gaps of twice the width, do the same.
 """
@@ -84,6 +92,7 @@ class AbstractRotor(eqx.Module):
             "cubic": stiffness / eccentricity**2,
             "curvature": 1.0 / eccentricity,
             "drag": damping / (eccentricity * frequency),
+            "slowness": 1.0 / (eccentricity * frequency),
             "sweep": (damping / (2.0 * mass)) ** 2,
         }
 

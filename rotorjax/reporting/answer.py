@@ -82,6 +82,13 @@ def _nothing(found: Explanation) -> str:
     return "Nothing is missing that these data could show."
 
 
+HARDLY_MOVES = (
+    "no more than noise was measured: weights that were not installed, probes or a recording that deliver nothing, and "
+    "friction or a stop that holds the rotor look alike"
+)
+"""What is said where a rotor hardly moves that should."""
+
+
 def _undecided(found: Explanation) -> str:
     groups = found.tied_groups()
     others = ["others do as well"] if any(first for first, *_ in groups) or found.named_force is not None else []
@@ -91,20 +98,16 @@ def _undecided(found: Explanation) -> str:
     likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
     beside = percent(1.0 - none_left(found.rankings[-1]), 0)
     more = [f"something more may be missing ({beside}), such as {likely}"] if found.more else []
+    still = [HARDLY_MOVES] if found.story.hardly_moves else []
     mistake = [] if found.mistake is None else [plain_name(found.mistake.name)]
     named = [*mistake, *([_with_open_sizes(found)] if found.effects else [])]
     what = listed(named) if named else "nothing that stands out so far"
-    return f"Undecided: {what}, but {listed([*others, *within, *fails, *found.objections, *more, *limit])}."
+    return f"Undecided: {what}, but {listed([*others, *within, *fails, *still, *found.objections, *more, *limit])}."
 
 
 def _unexplained(found: Explanation) -> str:
     if found.contest.measurement.rms == 0.0:
         return "Unexplained: every measured vector is zero; check that the probes and the recording deliver anything."
-    if found.contest.measurement.shows_nothing:
-        return (
-            "Unexplained: what was measured is no more than the noise of the table; weights that were not installed, "
-            "probes or a recording that deliver nothing, and friction or a stop that holds the rotor look like that."
-        )
     books = "" if found.written.tried or found.written.left_out else f" {WRONG_BOOKS}"
     return f"Unexplained: {_unexplained_why(found)}{books}"
 

@@ -28,6 +28,7 @@ _QUANTITIES = {
     "cubic": " × K / e² (G6.3 at ω_n)",
     "curvature": " / e (G6.3 at ω_n)",
     "drag": " × C / (e ω_n)",
+    "slowness": " / (e ω_n) (G6.3)",
     "sweep": " × (C / 2M)²",
 }
 

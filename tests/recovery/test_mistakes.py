@@ -375,6 +375,15 @@ def test_a_force_does_the_same_where_the_table_says_another_amplitude(name):
 
 
 @pytest.mark.campaign
+def test_a_weight_that_is_not_there_is_named_where_runout_would_stand_for_its_sag():
+    """Beside a stiffness that is far off: fits beside a change of what is stated begin at the answer, too."""
+    drawn, mistake = draw_with_mistake(31664)
+    found = explain(drawn.model, drawn.measurement)
+    assert found.named == (mistake, *drawn.effects)
+    assert found.p_value.value > 0.1
+
+
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [31058, 31332, 31352, 31356, 31382, 31388, 31450, 31460, 31476, 31506, 31634, 31636])
 def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     """Gains far from their scale make up for amplitudes read as half of what they are beside a clearance, or in mil

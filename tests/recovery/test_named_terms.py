@@ -2,15 +2,19 @@
 size.
 """
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit
+from rotorjax.arrays import as_array
 from rotorjax.discovery.force_terms import regress
 from rotorjax.discovery.missing_force import missing_force
-from rotorjax.discovery.named_force import name_force
+from rotorjax.discovery.named_force import name_force, other_power
+from rotorjax.effects.power_terms import with_power_open
+from rotorjax.model.contract import Instant
 from rotorjax.reporting.explanation import explanation_text, sentence
 from rotorjax.reporting.explanation_json import explanation_json
 
@@ -227,11 +231,11 @@ def test_one_simple_term_in_the_place_of_several_effects():
     [
         (
             in_time.spring_of_power(4e3, 5.0, 2e-4), "duffing", "term_power_spring", 5.0,
-            "spring that grows with the power {:.2g} of displacement",
+            "restoring force in proportion to the power {:.3g} of displacement",
         ),
         (
             in_time.damping_of_power(3.0, 3.0, 0.03), "quadratic_damping", "term_power_damping", 3.0,
-            "damping that grows with the power {:.2g} of the speed of vibration",
+            "damping force in proportion to the power {:.3g} of the speed of vibration",
         ),
     ],
 )  # fmt: skip
@@ -240,7 +244,7 @@ def test_a_force_that_grows_with_another_power_than_the_catalogue_has(force, eff
     found = explain(MODEL, measure(force), only=[effect], mistakes=False)
     assert found.effects == (effect,) or found.verdict == "unexplained"
     assert [t.term for t in found.named_force.terms] == [term]
-    exponent = found.named_force.fit.estimate(term, "exponent_over_two")
+    exponent = found.named_force.fit.estimate(term, "power_less_two")
     assert exponent.value + 2.0 == pytest.approx(power, abs=0.3)
     assert found.named_force.words == words.format(exponent.value + 2.0)
     assert found.verdict != "explained"
@@ -254,3 +258,33 @@ def test_the_usual_power_is_not_beaten(force, effect):
     found = explain(MODEL, measure(force), mistakes=False)
     assert (found.verdict, found.effects) == ("explained", (effect,))
     assert found.named_force is None
+
+
+def test_a_force_in_the_place_of_two_of_the_usual_powers():
+    """A spring of the fifth power, for which a stop and a cubic spring stand: one force with its power fitted."""
+    measurement = measure(in_time.spring_of_power(4e3, 5.0, 2e-4))
+    declared = fit(MODEL, measurement, free=(), held_out=False)
+    answer = fit(MODEL.plus([effects.Duffing(2e10), effects.Clearance(4e3, 1 / GAP)]), measurement, held_out=False)
+    found = other_power(declared, answer, ("duffing", "clearance"))
+    assert found is not None
+    assert ([term.term for term in found.terms], found.beside) == (["term_power_spring"], ())
+    assert found.fit.estimate("term_power_spring", "power_less_two").value == pytest.approx(3.0, abs=0.3)
+    # The force shown is what the model lacks without it.
+    assert np.max(np.abs(found.force.force)) == pytest.approx(
+        4e3 * 2e-4 * (found.force.reach.radius / 2e-4) ** 5, rel=0.2
+    )
+
+
+def test_the_power_is_not_opened_where_one_probe_shows_no_force():
+    measurement = measure(in_time.quadratic_damping(300.0))
+    one = dataclasses.replace(measurement, present=measurement.present & np.array([True, False])[:, None])
+    model = MODEL.plus([effects.QuadraticDamping(250.0), effects.Duffing(1e9)])
+    answer = fit(model, one, held_out=False)
+    assert other_power(fit(MODEL, one, free=(), held_out=False), answer, ("quadratic_damping", "duffing")) is None
+
+
+@pytest.mark.parametrize("effect", [effects.Duffing(3e10), effects.Duffing(-2e9), effects.QuadraticDamping(120.0)])
+def test_an_effect_with_its_power_open_is_the_same_force(effect):
+    pair = as_array(np.array([3e-4, -1e-4]))
+    instant = Instant(MODEL.rotor, as_array(200.0), as_array(0.4), pair, 150.0 * pair, pair)
+    np.testing.assert_allclose(with_power_open(effect, MODEL.rotor).force(instant), effect.force(instant), rtol=1e-6)

@@ -211,3 +211,13 @@ def test_damping_that_the_regression_finds_is_a_logarithm_as_its_effect_is(log_r
     (term,) = regress(found, effects.CATALOG)
     assert term.term == "damping_error"
     assert term.coefficients == pytest.approx({"log_ratio_y": log_ratio}, rel=1e-2)
+
+
+@pytest.mark.parametrize(("size", "nothing"), [(0.0, True), (1.0, True), (1.5, False)])
+def test_a_table_of_noise_shows_nothing(size, nothing, rng):
+    """Order 0 has no imaginary part: it counts one number."""
+    clean = measured(rotor())
+    noise = size * SIGMA * (rng.standard_normal(clean.vectors.shape) + 1j * rng.standard_normal(clean.vectors.shape))
+    noise[:, :, 0] = noise[:, :, 0].real
+    assert dataclasses.replace(clean, vectors=noise).shows_nothing == nothing
+    assert not clean.shows_nothing
