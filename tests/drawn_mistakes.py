@@ -70,9 +70,9 @@ def _more(hidden: Hidden) -> dict[str, Mistake]:
     """Rms amplitudes where peak is stated, and the reverse; and in a run without any weight the one of another run."""
     m = hidden.measurement
     found: dict[str, Mistake] = {
-        "amplitude_rms": lambda h: _scaled(h, 0.5**0.5),
-        "amplitude_peak": lambda h: _said(_scaled(h, 2.0**0.5), "rms"),
-        "amplitude_peak_to_peak": lambda h: _said(_scaled(h, 2.0 * 2.0**0.5), "rms"),
+        "amplitude_rms": lambda h: _scaled(h, 0.5**0.5, of_mean=1.0),
+        "amplitude_peak": lambda h: _said(_scaled(h, 2.0**0.5, of_mean=1.0), "rms"),
+        "amplitude_peak_to_peak": lambda h: _said(_scaled(h, 2.0 * 2.0**0.5, of_mean=2.0), "rms"),
     }
     of_run = np.asarray(m.conditions.unbalance)[[int(np.argmax(m.run == k)) for k in range(len(m.runs))]]
     loaded = [k for k, weight in enumerate(of_run) if np.any(weight)]
@@ -88,10 +88,12 @@ def _vectors(hidden: Hidden, change: Callable[[np.ndarray], np.ndarray]) -> Hidd
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=change(m.vectors)))
 
 
-def _scaled(hidden: Hidden, factor: float) -> Hidden:
+def _scaled(hidden: Hidden, factor: float, *, of_mean: float | None = None) -> Hidden:
+    """Numbers of the table times a factor, at order 0 times another: the rms value of a constant is the constant."""
     m = hidden.measurement
-    sigma = None if m.sigma is None else m.sigma * factor
-    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=factor * m.vectors, sigma=sigma))
+    factors = np.where(np.array(m.orders) == 0.0, factor if of_mean is None else of_mean, factor)
+    sigma = None if m.sigma is None else m.sigma * factors
+    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=factors * m.vectors, sigma=sigma))
 
 
 def _said(hidden: Hidden, amplitude: str) -> Hidden:

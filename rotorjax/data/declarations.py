@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import PEAK, Amplitude, Measurement
+from rotorjax.data.measurement import PEAK, Amplitude, Measurement, peak_of
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.units import RPM
@@ -82,6 +82,8 @@ class AmplitudeChange(NamedTuple):
     kind: str
     about: tuple[str, ...]
     factor: float
+    mean_factor: float
+    """Of what is constant, at order 0."""
     meaning: str
     cure: str
 
@@ -111,12 +113,13 @@ def amplitude_changes(stated: Amplitude | None) -> list[AmplitudeChange]:
             kind = named.get((stated, true), f"amplitude_{true.replace('-', '_')}")
             meaning = f"amplitudes are {true} where {stated} is stated"
             cure = f'[convention] amplitude: write "{true}"'
-            changes.append(AmplitudeChange(kind, (), PEAK[stated] / peak, meaning, cure))
+            of_mean = peak_of(stated, 0.0) / peak_of(true, 0.0)
+            changes.append(AmplitudeChange(kind, (), PEAK[stated] / peak, of_mean, meaning, cure))
     unit = "amplitude_unit"
     return [
         *changes,
-        AmplitudeChange(unit, (), 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
-        AmplitudeChange(unit, ("mil",), MIL, "amplitudes were converted from mil twice", _MILS.format("divide")),
+        AmplitudeChange(unit, (), 1.0 / MIL, 1.0 / MIL, "amplitudes are in mil, not in µm", _MILS.format("multiply")),
+        AmplitudeChange(unit, ("mil",), MIL, MIL, "amplitudes were converted from mil twice", _MILS.format("divide")),
     ]
 
 
@@ -191,11 +194,8 @@ def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
     """Numbers of the table that are too large or too small by a factor: all that is read, in that scale."""
     if m.rms == 0.0:
         return
-    for kind, about, factor, meaning, cure in amplitude_changes(m.knowledge.amplitude):
-        # The rms value of a constant is the constant: with one measured, the table is not off by one factor.
-        if 0.0 in m.orders and "rms" in (m.knowledge.amplitude, TRUE_AMPLITUDES.get(kind)):
-            continue
-        yield Mistake(kind, about, meaning, cure, partial(_read_in_scale, factor=factor))
+    for kind, about, factor, of_mean, meaning, cure in amplitude_changes(m.knowledge.amplitude):
+        yield Mistake(kind, about, meaning, cure, partial(_read_in_scale, factor=factor, of_mean=of_mean))
 
 
 def _probes(model: Model, m: Measurement) -> Iterator[Mistake]:
@@ -273,9 +273,12 @@ def _with_other_phases(model: Model, m: Measurement) -> Stated:
     return model, dataclasses.replace(m, vectors=np.conj(m.vectors))
 
 
-def _read_in_scale(model: Model, m: Measurement, *, factor: float) -> Stated:
-    scale = as_array(np.asarray(float(model.probes.scale) * factor))
-    return dataclasses.replace(model, probes=dataclasses.replace(model.probes, scale=scale)), m
+def _read_in_scale(model: Model, m: Measurement, *, factor: float, of_mean: float) -> Stated:
+    scales = {
+        "scale": as_array(np.asarray(float(model.probes.scale) * factor)),
+        "mean_scale": as_array(np.asarray(float(model.probes.mean_scale) * of_mean)),
+    }
+    return dataclasses.replace(model, probes=dataclasses.replace(model.probes, **scales)), m
 
 
 def _with_probes_in_order(model: Model, m: Measurement, *, order: np.ndarray) -> Stated:

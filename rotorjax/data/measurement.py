@@ -29,6 +29,13 @@ Amplitude = Literal["peak", "peak-to-peak", "rms"]
 """How amplitudes are written in a table."""
 PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": 2.0**0.5}
 """Zero-to-peak amplitude of a sine for one unit of what is written."""
+
+
+def peak_of(amplitude: Amplitude, order: float) -> float:
+    """Zero-to-peak amplitude for one unit of what is written: the rms value of a constant is the constant."""
+    return 1.0 if amplitude == "rms" and order == 0.0 else PEAK[amplitude]
+
+
 COLUMN = {"amplitude_um_0pk": "amplitude_um", "phase_lead_deg": "phase_deg"}
 """Columns of a data frame that state their convention -> those of a table, which a rig file states."""
 STATED = {"amplitude_um_0pk": ("amplitude", "peak"), "phase_lead_deg": ("phase", "lead")}

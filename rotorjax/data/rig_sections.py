@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rotorjax.data.measurement import PEAK, SLOW_ROLL_RPM, Amplitude, Installed, Limits, Row, Uncertain
+from rotorjax.data.measurement import SLOW_ROLL_RPM, Amplitude, Installed, Limits, Row, Uncertain, peak_of
 from rotorjax.data.names import unseen
 from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect
@@ -40,15 +40,11 @@ class Convention:
 
     def to_internal(self, row: Row) -> Row:
         """A row of the table as zero-to-peak amplitude and leading phase."""
-        return self._convert(row, self._peak(row))
+        return self._convert(row, peak_of(self.amplitude, row.order))
 
     def to_table(self, row: Row) -> Row:
         """The inverse of `to_internal`."""
-        return self._convert(row, 1.0 / self._peak(row))
-
-    def _peak(self, row: Row) -> float:
-        """Zero-to-peak amplitude for one unit of what is written: the rms value of a constant is the constant."""
-        return 1.0 if self.amplitude == "rms" and row.order == 0.0 else PEAK[self.amplitude]
+        return self._convert(row, 1.0 / peak_of(self.amplitude, row.order))
 
     def _convert(self, row: Row, factor: float) -> Row:
         sign = -1.0 if self.phase == "lag" else 1.0

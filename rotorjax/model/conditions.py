@@ -136,6 +136,8 @@ class Probes(eqx.Module):
     """What the measurement shows over what the probes read: one, but where amplitudes are tried as written otherwise
     than stated.
     """
+    mean_scale: Float[Array, ""] = eqx.field(converter=as_float, default=1.0)
+    """The same at order 0: the rms value of a constant is the constant."""
 
 
 def two_probes() -> Probes:

@@ -137,7 +137,9 @@ class Chain(NamedTuple):
         readings = [e.reading(point) for e in model.effects if isinstance(e, ReadingEffect)]
         gain: Any = math.prod(r.gain for r in readings)
         total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
-        turn = model.probes.scale * jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
+        probes, constant = model.probes, point.at_order(0.0)
+        scale = (1.0 - constant) * probes.scale + constant * probes.mean_scale
+        turn = scale * jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
         return cls(gain, total.runout, total.direction, turn)
 
     def sensed(self, probes: Probes, motion: Motion) -> Complex[Array, "probe"]:

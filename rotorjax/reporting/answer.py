@@ -142,6 +142,8 @@ AS_IF = 1.5
 def as_if_lines(found: Explanation) -> list[str]:
     """A gain of the chain that a wrong convention or unit would look like, and the reverse."""
     changes = amplitude_changes(found.contest.measurement.knowledge.amplitude)
+    if 0.0 in found.contest.measurement.orders:
+        changes = [one for one in changes if one.mean_factor == one.factor]
     if found.mistake is not None:
         return [
             f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too."
