@@ -375,6 +375,15 @@ def test_a_force_does_the_same_where_the_table_says_another_amplitude(name):
 
 
 @pytest.mark.campaign
+@pytest.mark.parametrize("seed", [31666, 31678])
+def test_rms_amplitudes_leave_what_is_constant_as_it_is(seed):
+    """With order 0 measured: no factor of the whole table does what they do."""
+    drawn, mistake = draw_with_mistake(seed)
+    found = explain(drawn.model, drawn.measurement)
+    assert (found.verdict, found.named) == ("explained", (mistake, *drawn.effects))
+
+
+@pytest.mark.campaign
 def test_a_weight_that_is_not_there_is_named_where_runout_would_stand_for_its_sag():
     """Beside a stiffness that is far off: fits beside a change of what is stated begin at the answer, too."""
     drawn, mistake = draw_with_mistake(31664)
