@@ -122,15 +122,14 @@ def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedFo
     of the fifth power.
 
     In its place beside the other effects if it does much better there, fitted where the motion as measured asks for
-    it; or in the place of all nonlinear forces if it does better than several. None where the noise is unknown.
-    **Arguments:** as for `name_force`.
+    it; or in the place of all nonlinear forces if it does better than several. **Arguments:** as for `name_force`.
     """
     measurement, model = answer.stage.measurement, declared.model
     own = [e for e in answer.model.effects if e.name in effects]
     forces = [e for e in own if isinstance(e, RestoringEffect)]
     laws = [e for e in forces if e.name in OPENED and OPENED[e.name][0].name not in answer.model]
-    left = missing_force(answer.model.with_orders(measurement.orders), measurement)
-    if measurement.sigma is None or left.balance is None or not laws:
+    left = _lacking(answer, answer.model)
+    if left.balance is None or not laws:
         return None
     asked = other_powers(left, {e.entry.effect for e in answer.estimates})
     replaced = [(law, [law]) for law in laws if OPENED[law.name][0].name in asked]
@@ -143,13 +142,15 @@ def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedFo
     scores = {
         k: _score(fitted) + (LEAST_GAIN if len(tried[k].names) == len(effects) else 0.0)
         for k, fitted in enumerate(fits)
-        if _believable(fitted) and _enough(fitted) and _means_something(terms[k][0], fitted, left.reach)
+        if _believable(fitted)
+        and (measurement.sigma is None or _enough(fitted))
+        and _means_something(terms[k][0], fitted, left.reach)
     }
     best = min(scores, key=lambda k: scores[k], default=None)
     if best is None or scores[best] >= _score(answer):
         return None
     *beside, term = tried[best].names
-    lacking = missing_force(fits[best].model.without(term).with_orders(measurement.orders), measurement)
+    lacking = _lacking(fits[best], fits[best].model.without(term))
     return NamedForce(lacking, terms[best], tuple(beside), fits[best]).validated()
 
 
@@ -157,6 +158,13 @@ def _with_power_open(model: Model, own: list[Effect], law: RestoringEffect, gone
     """The force of an effect with its power open in the place of some effects of an answer, beside the others."""
     others, term = [e for e in own if e not in gone], with_power_open(law, model.rotor)
     return Trial(model.plus([*others, term]), (*(e.name for e in others), term.name), near=True)
+
+
+def _lacking(fitted: Fit, model: Model) -> MissingForce:
+    """What a model lacks of the force, its noise that of a fit where it is not known."""
+    measurement = fitted.stage.measurement
+    allowance = fitted.misfit if measurement.sigma is None else 0.0
+    return missing_force(model.with_orders(measurement.orders), measurement, allowance)
 
 
 def _score(fitted: Fit) -> float:
@@ -272,8 +280,7 @@ def _likely(
     terms: Mapping[str, type[Effect]] = TERMS,
 ) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:
     """The force that a fit lacks, and the answers of the regression, the effects ``beside`` giving way."""
-    model, measurement = found.model, found.stage.measurement
-    force = missing_force(model.with_orders(measurement.orders), measurement)
+    model, force = found.model, _lacking(found, found.model)
     told = (
         tuple(t for t in terms if t.term not in model)
         for terms in answers(force, dict(catalog) | dict(terms), fitted=beside, most=most)

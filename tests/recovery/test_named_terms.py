@@ -275,6 +275,15 @@ def test_a_force_in_the_place_of_two_of_the_usual_powers():
     )
 
 
+def test_the_power_is_found_where_the_noise_is_unknown():
+    measurement = dataclasses.replace(measure(in_time.damping_of_power(3.0, 3.0, 0.03)), sigma=None)
+    declared = fit(MODEL, measurement, free=(), held_out=False)
+    answer = fit(MODEL.plus([effects.QuadraticDamping(100.0)]), measurement, held_out=False)
+    found = other_power(declared, answer, ("quadratic_damping",))
+    assert found is not None
+    assert found.fit.estimate("term_power_damping", "power_less_two").value == pytest.approx(1.0, abs=0.3)
+
+
 def test_the_power_is_not_opened_where_one_probe_shows_no_force():
     measurement = measure(in_time.quadratic_damping(300.0))
     one = dataclasses.replace(measurement, present=measurement.present & np.array([True, False])[:, None])
