@@ -128,11 +128,16 @@ def like_a_mistake(own: Answer) -> bool:
     )
 
 
-def _feels_the_weight(own: Answer) -> bool:
-    """Whether a nonlinear force is in an answer: what the weight does through it nothing else shows, and
-    another effect may stand for what the weight does not do as stated.
-    """
+def _has_a_force(own: Answer) -> bool:
+    """Whether a nonlinear force is in an answer: what the weight does through it nothing else shows."""
     return bool(own.selection.present & own.selection.contest.costly)
+
+
+def _feels_the_weight(own: Answer) -> bool:
+    """Whether a nonlinear force is in an answer, or the sag was measured: another effect may stand for what the weight
+    does not do as stated.
+    """
+    return _has_a_force(own) or 0.0 in own.selection.contest.measurement.orders
 
 
 class _Reach(NamedTuple):
@@ -190,7 +195,7 @@ class Doubts(NamedTuple):
             hopeless = _Reach.of(own, noise).hopeless
             answer = own.selection.known[own.selection.present]
             screened = [screen(one, noise, starts=one.near(answer), hopeless=hopeless) for one in doubted]
-        elif _feels_the_weight(own):
+        elif _has_a_force(own):
             # What linear effects leave beside a change says little of what they leave with a nonlinear force.
             known = {one.change.mistake for one in screened}
             screened = [*screened, *(Screened(one, stated.end) for one in doubted if one.mistake not in known)]

@@ -38,6 +38,8 @@ from rotorjax.model.contract import Instant, RestoringEffect, SweepEffect
 import hidden_forces
 import nonlinear_oracle as in_time
 from answers import answer
+from detailed.case import draw as draw_detailed
+from detailed.files import write_case
 from drawn_effects import draw
 from drawn_mistakes import draw_with_mistake
 from hidden import Machine, Plan, measure
@@ -372,6 +374,13 @@ def test_a_force_does_the_same_where_the_table_says_another_amplitude(name):
     first = force(contest, own, 1.0)
     assert np.linalg.norm(first) > 0.0
     np.testing.assert_allclose(force(there, as_large_as_read(own, contest, there), larger), larger * first, rtol=1e-3)
+
+
+@pytest.mark.campaign
+def test_a_weight_that_is_not_there_is_named_where_a_foundation_would_stand_for_its_sag(tmp_path):
+    rig_file, table = write_case(draw_detailed(3174), tmp_path)
+    rig = read_rig(rig_file)
+    assert "weight_absent" in explain(rig.model, read_measurement(table, rig)).named
 
 
 @pytest.mark.campaign
