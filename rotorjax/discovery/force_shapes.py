@@ -121,7 +121,7 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
             yield from (beyond(cls, rotor, reach, side * share) for side in sides for share in GAPS)
         elif issubclass(cls, PowerTerm):
             size, _ = scale
-            largest = reach.radius * (float(rotor.natural_frequency()) if issubclass(cls, DampingTerm) else 1.0)
+            largest = reach.radius / (rotor.quantities()["period"] if issubclass(cls, DampingTerm) else 1.0)
             yield from (Shape(name, {POWER: x}, ({size: 1.0 / largest},), scanned=POWER) for x in cls.tried)
         elif name == "crack":
             for angle in 2.0 * math.pi * np.arange(CRACK_ANGLES) / CRACK_ANGLES:
