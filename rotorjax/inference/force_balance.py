@@ -31,6 +31,8 @@ from rotorjax.physics.steady_state import Ready, by_order
 
 CHUNK = 16
 """Rows evaluated together: a force that is at its null in all of them is passed over."""
+MOST_ROWS = 512
+"""Rows whose balance is kept as a whole at one time: of the others only what was measured."""
 
 
 class Balances(NamedTuple):
@@ -74,6 +76,15 @@ class ForceBalance:
         """Along a motion at every case. **Arguments:** ``measured``: the coefficients whose equations count, and by
         which derivatives are taken.
         """
+        most = max(1, MOST_ROWS // len(motion))
+        parts = [
+            self._at(values[first : first + most], conditions, motion, measured)
+            for first in range(0, len(values), most)
+        ]
+        return Balances(*(np.concatenate(several) for several in zip(*parts, strict=True)))
+
+    def _at(self, values: np.ndarray, conditions: Conditions, motion: np.ndarray, measured: np.ndarray) -> Balances:
+        """In the same compiled calls."""
         cases = np.tile(np.arange(len(motion)), len(values))
         each = (np.asarray(leaf)[cases] for leaf in (conditions.speed, conditions.unbalance, conditions.bow))
         lacking_x, lacking_y, *dynamic, force, by_motion = self._balance(

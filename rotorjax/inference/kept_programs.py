@@ -27,9 +27,11 @@ FOLDER = "traced"
 DIGEST = hashlib.sha256().digest_size
 
 
-def kept_program(function: Callable[..., Any], made_of: str, arguments: tuple[Any, ...]) -> Callable[..., Any]:
+def kept_program(
+    function: Callable[..., Any], made_of: str, arguments: tuple[Any, ...], *, often: bool = False
+) -> Callable[..., Any]:
     """A compiled function of arguments of these shapes: found, or traced and kept. **Arguments:** ``made_of``: what it
-    depends on beside the shapes.
+    depends on beside the shapes; ``often`` as in `rotorjax.compilation.compiler_options`.
     """
     file, found = _file(made_of, arguments), None
     if file is not None:
@@ -39,7 +41,7 @@ def kept_program(function: Callable[..., Any], made_of: str, arguments: tuple[An
             found = traced.serialize()
             _write(file, bytes(found))
     call = function if found is None else export.deserialize(bytearray(found)).call
-    return jax.jit(call, compiler_options=compiler_options())
+    return jax.jit(call, compiler_options=compiler_options(often=often))
 
 
 def _file(made_of: str, arguments: tuple[Any, ...]) -> Path | None:

@@ -103,7 +103,7 @@ class Kernels:
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
         bare = dataclasses.replace(space, model=nameless(space.model), entries=())
         self._linear, self._swept = (
-            compiled(kernel, bare, space.model, LINEAR_CHUNK) for kernel in (_linear, _sweep_of_fit)
+            compiled(kernel, bare, space.model, LINEAR_CHUNK, often=True) for kernel in (_linear, _sweep_of_fit)
         )
         # Column -1 is none.
         self._sweeping = np.append(space.sweeping(), False)
@@ -111,9 +111,8 @@ class Kernels:
         full = bare.with_orders(tuple(sorted({*orders, *USUAL_ORDERS})))
         self._read = [full.model.layout.orders.index(order) for order in orders]
         self._more = len(full.centre) - len(bare.centre)
-        self._balanced, self._refined = (
-            compiled(kernel, full, space.model, BALANCED_CHUNK) for kernel in (_balanced, _refined)
-        )
+        self._balanced = compiled(_balanced, full, space.model, BALANCED_CHUNK, often=True)
+        self._refined = compiled(_refined, full, space.model, BALANCED_CHUNK)
 
     @property
     def warm(self) -> bool:

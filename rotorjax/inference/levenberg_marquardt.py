@@ -47,6 +47,7 @@ class Descent:
     def __post_init__(self) -> None:
         self.coupled = self.trial.motions is not None
         self.freedom = 0.0 if self.known or not self.coupled else self.manner.first_freedom * self._reach()
+        self.trial = self.trial._replace(yielding=self.freedom > 0.0)
         self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
@@ -89,7 +90,8 @@ class Descent:
     def balance(self) -> None:
         """Go on from the parameters where it is, with motions that balance."""
         assert self.here is not None
-        self.freedom, self.cost, self.trial, self.early = 0.0, math.inf, self.here.point, True
+        self.freedom, self.cost, self.early = 0.0, math.inf, True
+        self.trial = self.here.point._replace(yielding=False)
         self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
 
     def give_up(self, result: int = MAX_STEPS) -> None:
@@ -178,7 +180,8 @@ class Descent:
         """Less freedom of the motions, and the cost as it is then."""
         if self.freedom == 0.0 or self.here is None or self.here.freedom is None:
             return
-        size = float(np.max(np.linalg.norm(self.here.freedom.reach, axis=2)[self.task.training], initial=0.0))
+        assert self.here.freedom.own is not None
+        size = float(np.max(np.linalg.norm(self.here.freedom.own.reach, axis=2)[self.task.training], initial=0.0))
         enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         while self.freedom > 0.0:
             self.freedom *= self.manner.firmer
@@ -193,7 +196,7 @@ class Descent:
         """At an end; where orders depend on one another once more with more of them."""
         assert self.here is not None
         if self.coupled and not self.here.point.refined:
-            self.trial = self.here.point._replace(refined=True)
+            self.trial = self.here.point._replace(refined=True, yielding=False)
             self.since = 0
         else:
             self.result, self.done = CONVERGED, True
@@ -237,7 +240,7 @@ class Descent:
         motions = None
         if self.coupled:
             motions = self._capped(self.normal.motion_step(step))
-        self.trial = Point(unknowns, motions, point.refined)
+        self.trial = Point(unknowns, motions, point.refined, self.freedom > 0.0)
         return decrement
 
     def _capped(self, change: Float[np.ndarray, "state motion"]) -> Float[np.ndarray, "state dof wide"]:

@@ -22,14 +22,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
 
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of
 from rotorjax.inference.programs import side_by_side
 from rotorjax.inference.space import Space
-from rotorjax.model.conditions import Conditions
+from rotorjax.inference.states import States
 
 
 class Point(NamedTuple):
@@ -42,6 +42,19 @@ class Point(NamedTuple):
     """
     refined: bool = False
     """Whether the force is taken along more orders and at more instants."""
+    yielding: bool = False
+    """Whether the motions of the cases have a freedom of their own, whose effect is linearised, too."""
+
+
+class Yielding(NamedTuple):
+    """What a force that is left on the rotor does to the motions, and to what is read of them."""
+
+    by_force: Float[np.ndarray, "case motion motion"]
+    """G⁻¹ W⁻¹: motion per force that is left, that force as a displacement."""
+    seen: Float[np.ndarray, "case cell motion"]
+    """s_q / σ: what is seen of a motion, in standard errors per metre."""
+    reach: Float[np.ndarray, "case cell motion"]
+    """X W⁻¹: the same in the vectors, in standard errors per metre."""
 
 
 class Freedom(NamedTuple):
@@ -50,18 +63,14 @@ class Freedom(NamedTuple):
     newton: Float[np.ndarray, "state motion"]
     """G⁻¹ g: what the motions are off balance by [m]."""
     newton_slopes: Float[np.ndarray, "state motion free"]
-    by_force: Float[np.ndarray, "case motion motion"]
-    """G⁻¹ W⁻¹: motion per force that is left, that force as a displacement."""
-    seen: Float[np.ndarray, "case cell motion"]
-    """s_q / σ: what is seen of a motion, in standard errors per metre."""
-    reach: Float[np.ndarray, "case cell motion"]
-    """X W⁻¹: the same in the vectors, in standard errors per metre."""
     size: Float[np.ndarray, "state"]
     """|W g|: the force that is lacking, as a displacement [m]."""
     off: Float[np.ndarray, "state"]
     """Largest |X g|: standard errors by which the reading is off what balance will make of it."""
     followed: Float[np.ndarray, "state dof wide"]
     """The motions, their higher orders as they follow the force."""
+    own: Yielding | None = None
+    """Where the point is `Point.yielding`."""
 
 
 class Imbalance(NamedTuple):
@@ -87,15 +96,15 @@ class Linearised(NamedTuple):
     slopes: Float[np.ndarray, "case cell free"]
     freedom: Freedom | None
 
-    def with_cases(self, states: "States", cases: Int[np.ndarray, "near"], other: "Linearised") -> "Linearised":
-        """Some cases in the place of their own, linearised at other motions."""
-        assert self.freedom is not None
-        assert other.freedom is not None
-        places = {"case": cases, "state": states.seen_in(cases)}
-        freedom = Freedom(*(
-            _replaced(old, places["case" if part in ("by_force", "seen", "reach") else "state"], new)
-            for part, old, new in zip(Freedom._fields, self.freedom, other.freedom, strict=True)
-        ))  # fmt: skip
+    def with_cases(self, states: States, cases: Int[np.ndarray, "near"], other: "Linearised") -> "Linearised":
+        """Some cases in the place of their own, linearised at other motions, which have no freedom of their own."""
+        place = states.seen_in(cases)
+        parts = [
+            _replaced(getattr(self.freedom, part), place, getattr(other.freedom, part))
+            for part in Freedom._fields
+            if part != "own"
+        ]
+        freedom = Freedom(*parts, own=None)
         shown, error, slopes = (
             _replaced(getattr(self, part), cases, getattr(other, part)) for part in ("shown", "error", "slopes")
         )
@@ -105,58 +114,6 @@ class Linearised(NamedTuple):
     def finite(self) -> bool:
         """Whether it can be used at all."""
         return bool(np.all(np.isfinite(self.error)) and np.all(np.isfinite(self.slopes)))
-
-
-class States(NamedTuple):
-    """Conditions whose motions are balanced: those of every case, then, where slow roll was subtracted, of each set of
-    what is installed there.
-    """
-
-    speed: Float[np.ndarray, "state"]
-    """[rad/s], with what is installed: see `rotorjax.model.Conditions`."""
-    unbalance: Float[np.ndarray, "state plane dof"]
-    bow: Float[np.ndarray, "state dof"]
-    sweep: Float[np.ndarray, "state"]
-    rolling: Int[np.ndarray, "case"] | None
-    """Of every case the state at slow roll that its vectors are less, if any."""
-
-    @classmethod
-    def of(cls, conditions: Conditions | Data, slow_roll: float | None) -> "States":
-        """Of every condition."""
-        speed, unbalance, bow = (
-            np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow)
-        )
-        sweep = conditions.sweeps if isinstance(conditions, Conditions) else conditions.sweep
-        if slow_roll is None:
-            return cls(speed, unbalance, bow, sweep, None)
-        installed = np.concatenate([unbalance.reshape(len(speed), -1), bow], axis=1)
-        _, first, which = np.unique(installed, axis=0, return_index=True, return_inverse=True)
-        slow = np.full(len(first), slow_roll)
-        rolling = len(speed) + which.reshape(-1)
-        return cls(
-            np.concatenate([speed, slow]),
-            np.concatenate([unbalance, unbalance[first]]),
-            np.concatenate([bow, bow[first]]),
-            np.concatenate([sweep, np.zeros(len(first))]),
-            rolling,
-        )
-
-    def seen_in(self, cases: Int[np.ndarray, "near"]) -> Int[np.ndarray, "one"]:
-        """The states of some cases, then theirs at slow roll."""
-        return cases if self.rolling is None else np.concatenate([cases, np.unique(self.rolling[cases])])
-
-    def read(
-        self, values: Float[np.ndarray, "one *cell"], cases: Int[np.ndarray, "near"]
-    ) -> Float[np.ndarray, "near *cell"]:
-        """What is at some cases less what is at slow roll. **Arguments:** ``values`` in the states of `seen_in`."""
-        if self.rolling is None:
-            return values
-        rolling = self.rolling[cases]
-        return values[: len(cases)] - values[len(cases) + np.searchsorted(np.unique(rolling), rolling)]
-
-    def everywhere(self, good: Bool[np.ndarray, "state"]) -> Bool[np.ndarray, "case"]:
-        """Cases all of whose states are good."""
-        return good if self.rolling is None else good[: len(self.rolling)] & good[self.rolling]
 
 
 MOST_ROWS = 512
@@ -310,11 +267,17 @@ class Linearisation:
         refined: bool,
     ) -> Imbalance:
         """The balance of single states, without slopes by the unknowns."""
+        self.budget.spend(len(states))
+        groups = [slice(first, first + MOST_ROWS) for first in range(0, len(states), MOST_ROWS)]
+        parts = [self._imbalance(unknowns[g], states[g], motions[g], refined=refined) for g in groups]
+        return Imbalance(*(np.concatenate(several) for several in zip(*parts, strict=True)))
+
+    def _imbalance(self, unknowns: np.ndarray, states: np.ndarray, motions: np.ndarray, *, refined: bool) -> Imbalance:
+        """In the same compiled calls."""
         count = self.kernels.coefficients
         rows = self._rows_of(unknowns, np.full((len(states), COLUMNS), -1), states)
         equations = self.kernels.balanced(rows, motions[..., :count], swept=False)
         force, followed = (equations.force, motions) if not refined else self.kernels.refined(rows, motions)
-        self.budget.spend(len(states))
         step = -_solved(equations.force_by_motion, force[..., None])
         off = np.abs((equations.shown_by_motion @ step)[..., 0] * self._state_weight[states]).max(axis=1)
         size = np.linalg.norm(force * self._per_force[states], axis=1)
@@ -340,11 +303,13 @@ class Linearisation:
         off = (read @ newton[..., None])[..., 0]
         shown = self.states.read(eq.shown[0] - off, task.cases)
         slopes = self.states.read(_joined(eq.slopes, free) - read @ newton_slopes, task.cases)
-        by_force = inverse[:count] / per_force[:count, None, :]
+        own = None
+        if task.point.yielding:
+            by_force, seen = inverse[:count] / per_force[:count, None, :], read[:count] * weight
+            own = Yielding(by_force, seen, seen @ by_force)
         freedom = Freedom(
-            newton, newton_slopes, by_force, read[:count] * weight, read[:count] @ by_force * weight,
-            np.linalg.norm(force * per_force, axis=1), np.abs(off * self._state_weight[task.states]).max(axis=1),
-            followed,
+            newton, newton_slopes, np.linalg.norm(force * per_force, axis=1),
+            np.abs(off * self._state_weight[task.states]).max(axis=1), followed, own,
         )  # fmt: skip
         return self._held_against(task, shown, slopes, freedom)
 

@@ -36,15 +36,17 @@ def first_motions(
     if not distinct:
         return []
     known = {}
-    for one in lin.at([Point(point, lin.at_rest) for point in distinct], [np.zeros(0, int)] * len(distinct)):
+    at_rest = [Point(point, lin.at_rest, yielding=True) for point in distinct]
+    for one in lin.at(at_rest, [np.zeros(0, int)] * len(distinct)):
         assert one.freedom is not None
+        assert one.freedom.own is not None
         free, size = (
             -one.freedom.newton,
             FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight))),
         )
         likely = size**2 * _alike(free[: lin.cases].reshape(lin.cases, lin.kernels.dof, lin.kernels.coefficients))
-        along = likely @ np.swapaxes(one.freedom.seen, 1, 2)
-        shown = one.freedom.seen @ along + np.eye(one.error.shape[1])
+        along = likely @ np.swapaxes(one.freedom.own.seen, 1, 2)
+        shown = one.freedom.own.seen @ along + np.eye(one.error.shape[1])
         # What was subtracted as slow roll is left as it is.
         free[: lin.cases] -= (along @ np.linalg.solve(shown, one.error[..., None]))[..., 0]
         known[one.point.unknowns.tobytes()] = lin.moved(one, free)

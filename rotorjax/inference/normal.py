@@ -32,7 +32,8 @@ class Normal(Squares):
         slopes, common = one.slopes * counted[..., None], lin.data.common * counted[..., None]
         self._factor = None
         if self.freedom > 0.0 and one.freedom is not None:
-            reach = self.freedom * one.freedom.reach * counted[..., None]
+            assert one.freedom.own is not None
+            reach = self.freedom * one.freedom.own.reach * counted[..., None]
             self._factor = np.linalg.cholesky(np.eye(reach.shape[1]) + reach @ np.swapaxes(reach, 1, 2))
             error = np.linalg.solve(self._factor, error[..., None])[..., 0]
             slopes, common = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, common)
@@ -43,11 +44,11 @@ class Normal(Squares):
         free = self.one.freedom
         assert free is not None
         moved = -(free.newton + free.newton_slopes @ step)
-        if self._factor is not None:
+        if self._factor is not None and free.own is not None:
             pull = (
                 np.linalg.solve(np.swapaxes(self._factor, 1, 2), self.left(step)[..., None])[..., 0]
                 * self.task.training[:, None]
             )
-            force = self.freedom**2 * np.swapaxes(free.reach, 1, 2) @ pull[..., None]
-            moved[: len(force)] -= (free.by_force @ force)[..., 0]
+            force = self.freedom**2 * np.swapaxes(free.own.reach, 1, 2) @ pull[..., None]
+            moved[: len(force)] -= (free.own.by_force @ force)[..., 0]
         return moved

@@ -10,9 +10,10 @@ from jaxtyping import Complex, Float, Int
 
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data
-from rotorjax.inference.linearised import Linearisation, Point, States
+from rotorjax.inference.linearised import Linearisation, Point
 from rotorjax.inference.motions import balanced
 from rotorjax.inference.space import Space
+from rotorjax.inference.states import States
 from rotorjax.model.conditions import Conditions
 
 MET = 1e-4

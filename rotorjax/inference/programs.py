@@ -53,8 +53,8 @@ class Program:
     found.
     """
 
-    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool) -> None:
-        self._kernel, self._structure, self._ours = kernel, structure, ours
+    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool, often: bool = False) -> None:
+        self._kernel, self._structure, self._ours, self._often = kernel, structure, ours, often
         self._call: Callable[..., tuple[Array, ...]] | None = None
         self._making = threading.Lock()
 
@@ -82,19 +82,24 @@ class Program:
 
         # What a class of somebody else does is not said by its name.
         return (
-            kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows))
+            kept_program(kernel, f"{self._kernel.__name__} {self._structure}", (leaves, *rows), often=self._often)
             if self._ours
-            else jax.jit(kernel, compiler_options=compiler_options())
+            else jax.jit(kernel, compiler_options=compiler_options(often=self._often))
         )
 
 
 @functools.lru_cache
 def _program(
-    kernel: Callable[..., tuple[Array, ...]], structure: Any, shapes: tuple[tuple[int, ...], ...], ours: bool
+    kernel: Callable[..., tuple[Array, ...]],
+    structure: Any,
+    shapes: tuple[tuple[int, ...], ...],
+    *,
+    ours: bool,
+    often: bool,
 ) -> Program:
     """The same one whenever it is asked for."""
     del shapes  # a program for each
-    return Program(kernel, structure, ours=ours)
+    return Program(kernel, structure, ours=ours, often=often)
 
 
 class Compiled(NamedTuple):
@@ -128,13 +133,17 @@ class Compiled(NamedTuple):
         in_background(lambda: self.program(self.leaves, *(values[index] for values in rows)))
 
 
-def compiled(kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int) -> Compiled:
+def compiled(
+    kernel: Callable[..., tuple[Array, ...]], tree: Any, model: Model, size: int, *, often: bool = False
+) -> Compiled:
     """A kernel whose first argument is a pytree. **Arguments:** ``model``: what the tree was made of; ``size``: rows
-    evaluated together.
+    evaluated together; ``often`` as in `rotorjax.compilation.compiler_options`.
     """
     leaves, structure = jax.tree.flatten(tree)
     ours = all(type(part).__module__.startswith("rotorjax.") for part in (model.rotor, *model.effects))
-    return Compiled(_program(kernel, structure, tuple(np.shape(leaf) for leaf in leaves), ours), leaves, size)
+    return Compiled(
+        _program(kernel, structure, tuple(np.shape(leaf) for leaf in leaves), ours=ours, often=often), leaves, size
+    )
 
 
 def nameless(model: Model) -> Model:

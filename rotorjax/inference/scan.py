@@ -62,5 +62,5 @@ def scan(
                 best, found = cost, Scanned(trial, motions)
     if found is None:
         return None
-    ((point, motions, _),), _ = balanced(lin, lin.at([Point(*found, refined=True)], [none]), BALANCED)
-    return Scanned(point, np.asarray(motions))
+    (near,), _ = balanced(lin, lin.at([Point(*found, refined=True)], [none]), BALANCED)
+    return Scanned(near.unknowns, np.asarray(near.motions))

@@ -350,8 +350,8 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
     def unbounded(self, points, free):
         return [
             one
-            if one.freedom is None
-            else one._replace(freedom=one.freedom._replace(reach=np.full_like(one.freedom.reach, 1e20)))
+            if one.freedom is None or (own := one.freedom.own) is None
+            else one._replace(freedom=one.freedom._replace(own=own._replace(reach=np.full_like(own.reach, 1e20))))
             for one in whole(self, points, free)
         ]
 
@@ -369,3 +369,16 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
     )
     assert end.result == NOT_FINITE
     assert not end.exact
+
+
+def test_many_states_are_balanced_in_groups(spring, monkeypatch):
+    """As in one go, of which the memory would grow with the hypotheses tried."""
+    _, _, space, data, true = spring
+    lin = Linearisation(space, data, Budget())
+    states = np.tile(np.arange(lin.cases), 3)
+    unknowns = np.tile(unknowns_at(space, duffing__cubic_n_per_m3=true), (len(states), 1))
+    motions = 1e-5 * np.random.default_rng(0).standard_normal((len(states), *lin.at_rest.shape[1:]))
+    whole = lin.imbalance(unknowns, states, motions, refined=True)
+    monkeypatch.setattr(linearised, "MOST_ROWS", 7)
+    for part, grouped in zip(whole, lin.imbalance(unknowns, states, motions, refined=True), strict=True):
+        np.testing.assert_allclose(grouped, part, rtol=1e-12, atol=1e-18)
