@@ -53,7 +53,9 @@ class Program:
     found.
     """
 
-    def __init__(self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool, often: bool = False) -> None:
+    def __init__(
+        self, kernel: Callable[..., tuple[Array, ...]], structure: Any, *, ours: bool, often: bool = False
+    ) -> None:
         self._kernel, self._structure, self._ours, self._often = kernel, structure, ours, often
         self._call: Callable[..., tuple[Array, ...]] | None = None
         self._making = threading.Lock()
