@@ -1,7 +1,7 @@
 """Shapes that a missing force may have: effects that are linear in a few factors, and a scan of what is not linear.
 
-The size of a gap, the angle of a crack and the power of displacement or velocity are tried one by one; what is left
-enters the balance of forces linearly.
+The size of a gap, the angle of a crack, the power of displacement or velocity and a delay are tried one by one; what
+is left enters the balance of forces linearly.
 """
 
 import math
@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rotorjax.effects.delayed_force import DELAY, PERIODS, DelayedForce
 from rotorjax.effects.power_terms import POWER, DampingTerm, PowerTerm
 from rotorjax.effects.term import Term
 from rotorjax.effects.terms import TERMS, AxisForce
@@ -28,6 +29,8 @@ GAPS = tuple(float(share) for share in np.linspace(0.2, 0.95, 12))
 """Gaps to try, in the largest displacement."""
 GAP = "inverse_gap_per_m"
 """The parameter that is one over a gap."""
+SCANNED = (GAP, POWER, DELAY)
+"""Parameters of which values are tried one by one."""
 CRACK_ANGLES = 12
 RUB_FRICTION = 0.2
 STEP = 1e-2
@@ -57,7 +60,7 @@ class Shape(NamedTuple):
     positive: bool = False
     """Whether the factors must be."""
     scanned: str | None = None
-    """The held parameter of which values are tried one by one: one over a gap, or a power."""
+    """The held parameter of which values are tried one by one: one over a gap, a power, or a delay."""
 
     @property
     def has_gap(self) -> bool:
@@ -71,7 +74,7 @@ class Shape(NamedTuple):
 
     @property
     def plain(self) -> str:
-        """What people call it, without the gap or the power."""
+        """What people call it, without gap, power or delay."""
         words = TERMS[self.term].words if self.term in TERMS else self.term.replace("_", " ")
         keys = [key for factor in self.factors for key in factor]
         if len(keys) == 1 and keys[0][-2:] in {"_x", "_y"}:
@@ -80,7 +83,7 @@ class Shape(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What people call it, with the gap or the power."""
+        """What people call it, with gap, power or delay."""
         return self.plain if self.scanned is None else with_value(self.term, self.plain, self.held[self.scanned])
 
     def value_of(self, key: str, multiple: float) -> float:
@@ -94,10 +97,12 @@ class Shape(NamedTuple):
 
 
 def with_value(term: str, plain: str, value: float) -> str:
-    """Words for a term with the size of its gap, or its power. **Arguments:** ``value``: one over the gap [1/m], or the
-    power less two.
+    """Words for a term with the size of its gap, its power, or its delay. **Arguments:** ``value``: one over the gap
+    [1/m], the power less two, or the delay [s].
     """
     cls = TERMS.get(term)
+    if cls is DelayedForce:
+        return plain.replace("an earlier displacement", f"the displacement {1e3 * value:.3g} ms earlier")
     if cls is not None and issubclass(cls, PowerTerm):
         return plain.replace("a power of", f"the power {2.0 + value:.3g} of")
     return f"{plain} {cls.reached if cls is not None else 'beyond'} {1e3 / value:.2g} mm"
@@ -123,6 +128,9 @@ def shapes(catalog: Mapping[str, type[Effect]], rotor: AbstractRotor, reach: Rea
             size, _ = scale
             largest = reach.radius / (rotor.quantities()["period"] if issubclass(cls, DampingTerm) else 1.0)
             yield from (Shape(name, {POWER: x}, ({size: 1.0 / largest},), scanned=POWER) for x in cls.tried)
+        elif cls is DelayedForce:
+            period, (size, _) = 2.0 * math.pi * rotor.quantities()["period"], scale
+            yield from (Shape(name, {DELAY: p * period}, ({size: scale[size]},), scanned=DELAY) for p in PERIODS)
         elif name == "crack":
             for angle in 2.0 * math.pi * np.arange(CRACK_ANGLES) / CRACK_ANGLES:
                 pair = zip(scale.items(), (math.cos(angle), math.sin(angle)), strict=True)

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rotorjax.discovery.force_shapes import GAP, STEP, Shape, beyond, shapes
+from rotorjax.discovery.force_shapes import GAP, SCANNED, STEP, Shape, beyond, shapes
 from rotorjax.discovery.missing_force import Balance, MissingForce
 from rotorjax.effects import CATALOG
-from rotorjax.effects.power_terms import POWER, POWERS
+from rotorjax.effects.power_terms import POWERS
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.model.contract import Effect, ReadingEffect, SpeedEffect, WaveformEffect
@@ -46,9 +46,9 @@ class Candidate:
     """Key of the catalogue handed over, by default ``CATALOG | TERMS``."""
     words: str
     plain: str
-    """Words without the size of the gap, or the power."""
+    """Words without the size of the gap, the power, or the delay."""
     scanned: str | None
-    """The parameter that is one over a gap, or a power, if there is one."""
+    """The parameter that is one over a gap, a power, or a delay, if there is one."""
     coefficients: dict[str, float]
     """By parameter, in SI: ``catalog[term](**coefficients)`` is the effect; beside the other terms found."""
     seen: bool
@@ -354,7 +354,7 @@ def unseen(term: str) -> Candidate:
     """
     words, scanned = (
         TERMS[term].words,
-        next((p.name for p in TERMS[term].parameters() if p.name in (GAP, POWER)), None),
+        next((p.name for p in TERMS[term].parameters() if p.name in SCANNED), None),
     )
     return Candidate(term, words, words, scanned, {}, False, 0.0, 0.0, ())
 

@@ -14,15 +14,16 @@ from rotorjax.discovery.force_terms import LEAST_GAIN, Candidate, answers, other
 from rotorjax.discovery.inferred_noise import Ahead
 from rotorjax.discovery.missing_force import MissingForce, missing_force
 from rotorjax.effects import CATALOG
+from rotorjax.effects.delayed_force import DELAY
 from rotorjax.effects.power_terms import OPENED, PowerTerm, with_power_open
 from rotorjax.effects.terms import NAMED, TERMS
-from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2
+from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_SCATTER, Noise, whitened_residual
 from rotorjax.model.contract import Effect, RestoringEffect
 from rotorjax.model.model import Model
 
 LARGE_SHARE = 0.8
-"""Share of the missing force that a term must have to be tried in the place of several effects where the regression
-wants more than it.
+"""Share of what the answer of the regression takes away that a term must have by itself to be tried where that answer
+has more terms than are wanted.
 """
 SAME_POWER = 0.1
 """Difference up to which two powers are one."""
@@ -31,6 +32,8 @@ UNSEEN = 30.0
 FIXED = {name: cls for name, cls in TERMS.items() if not issubclass(cls, PowerTerm)}
 """Terms without a power that is fitted: what is left beside an answer is held against that by itself (`other_power`).
 """
+LINEAR = {name: cls for name, cls in FIXED.items() if not issubclass(cls, RestoringEffect)}
+"""Those of which fits take a moment only."""
 FITTED = 7
 """Answers of the regression that are fitted in the response."""
 
@@ -63,7 +66,7 @@ class NamedForce:
 
     @property
     def words(self) -> str:
-        """The terms in plain words, gaps and powers as fitted."""
+        """The terms in plain words, gaps, powers and delays as fitted."""
         return _words(self.terms, self.fit)
 
 
@@ -101,18 +104,17 @@ def name_force(
 def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtful: bool = False) -> NamedForce | None:
     """Terms that explain as much as an answer of named effects, if there are: the answer is then one of two.
 
-    In the place of several effects fewer terms; in the place of one a single term that does much better, looked for
-    only where something is left beside the answer that a term would take away, or where the answer is ``doubtful`` by
-    itself. None where the noise is unknown.
+    In the place of several effects fewer terms; in the place of one a single term that does much better: a nonlinear
+    one only where something is left beside the answer that a term would take away, or where the answer is ``doubtful``
+    by itself. None where the noise is unknown.
     **Arguments:** as for `name_force`.
     """
     alone = len(effects) == 1
-    if declared.stage.measurement.sigma is None or (
-        alone and not doubtful and not _likely(answer, effects, {}, 1, FIXED)[1]
-    ):
+    if declared.stage.measurement.sigma is None:
         return None
+    terms = TERMS if not alone else FIXED if doubtful or _likely(answer, {}, 1, FIXED)[1] else LINEAR
     ahead = Ahead(first_cost=answer.end.cost, holds=True) if answer.misfit == 0.0 else Ahead()
-    found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead, terms=FIXED if alone else TERMS)
+    found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead, terms=terms)
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
     return found.validated() if found.enough and found.fit is not None and _score(found.fit) < better else None
 
@@ -173,10 +175,17 @@ def _score(fitted: Fit) -> float:
 
 
 def _left(fitted: Fit, counted: int) -> float:
-    """What a fit leaves, with a price for each of what is counted: parameters in Schwarz' criterion."""
+    """What a fit leaves, in standard errors where those are known, with a price for each of what is counted: parameters
+    in Schwarz' criterion.
+    """
     m = fitted.stage.measurement
     numbers = 2 * int(m.present.sum())
-    return numbers * math.log(max(m.rms_of(fitted.predicted), 1e-15) ** 2) + counted * math.log(numbers)
+    if m.sigma is None:
+        left = m.rms_of(fitted.predicted) ** 2
+    else:
+        errors = whitened_residual(m, fitted.model, fitted.residual, Noise(0.0, fitted.scatter or NO_SCATTER))
+        left = float(errors @ errors)
+    return numbers * math.log(max(left, 1e-30)) + counted * math.log(numbers)
 
 
 def _named(
@@ -194,11 +203,10 @@ def _named(
     are tried; ``ahead``: what they have to reach; ``terms`` beside the ``catalog``.
     """
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
-    force, likely = _likely(found, beside, catalog, FITTED, terms)
+    force, likely = _likely(found, catalog, FITTED, terms)
     if most is not None and likely and len(likely[0]) > most:
-        likely = [
-            several for several in likely if len(several) <= most and max(t.share for t in several) >= LARGE_SHARE
-        ]
+        least = LARGE_SHARE * sum(t.share for t in likely[0])
+        likely = [several for several in likely if len(several) <= most and max(t.share for t in several) >= least]
     if not likely:
         return NamedForce(force, (), beside, None)
     tried = [_trial(model, several, beside, every) for several in likely]
@@ -231,13 +239,17 @@ def _believable(fitted: Fit) -> bool:
 
 
 def _means_something(term: Candidate, fitted: Fit, reach: Reach) -> bool:
-    """Whether the rotor came to the end of a gap, and a power is none of which the catalogue has an effect."""
+    """Whether the rotor came to the end of a gap, a power is none of which the catalogue has an effect, and a delay
+    none that may be zero.
+    """
     if term.scanned is None:
         return True
     found, cls = fitted.estimate(term.term, term.scanned), TERMS.get(term.term)
     if cls is not None and issubclass(cls, PowerTerm):
         least = max(SAME_POWER, fitted.quantile * found.standard_error)
         return all(abs(found.value - usual) > least for usual in cls.usual)
+    if term.scanned == DELAY:
+        return found.value > fitted.quantile * found.standard_error
     return reached(term.term, found.value, reach)
 
 
@@ -273,17 +285,14 @@ def _unprejudiced(
 
 
 def _likely(
-    found: Fit,
-    beside: tuple[str, ...],
-    catalog: Mapping[str, type[Effect]],
-    most: int,
-    terms: Mapping[str, type[Effect]] = TERMS,
+    found: Fit, catalog: Mapping[str, type[Effect]], most: int, terms: Mapping[str, type[Effect]] = TERMS
 ) -> tuple[MissingForce, list[tuple[Candidate, ...]]]:
-    """The force that a fit lacks, and the answers of the regression, the effects ``beside`` giving way."""
+    """The force that a fit lacks, and the answers of the regression, all that was fitted giving way."""
     model, force = found.model, _lacking(found, found.model)
+    fitted = {e.entry.effect for e in found.estimates}
     told = (
         tuple(t for t in terms if t.term not in model)
-        for terms in answers(force, dict(catalog) | dict(terms), fitted=beside, most=most)
+        for terms in answers(force, dict(catalog) | dict(terms), fitted=fitted, most=most)
     )
     return force, [terms for terms in told if terms]
 
@@ -296,5 +305,6 @@ def _trial(
     return Trial(
         full,
         tuple(name for name in (*beside, *(t.term for t in terms)) if name in full),
-        all(t.seen for t in terms),
+        # Of delays a period apart each has an optimum.
+        all(t.seen and t.scanned != DELAY for t in terms),
     )

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from rotorjax.effects import CATALOG
+from rotorjax.effects.delayed_force import DelayedForce
 from rotorjax.effects.power_terms import AxisPowerDamping, AxisPowerSpring, PowerDamping, PowerSpring
 from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap, pull_objection
 from rotorjax.effects.term import AxisForce, Term
@@ -328,7 +329,7 @@ _CLASSES = tuple(along(axis, shape) for shape in _SHAPES for axis in (0, 1))
 globals().update({cls.__name__: cls for cls in _CLASSES})
 
 TERMS: MappingProxyType[str, type[Term]] = MappingProxyType(
-    {cls.name: cls for cls in (*_CLASSES, PowerSpring, PowerDamping)}
+    {cls.name: cls for cls in (*_CLASSES, PowerSpring, PowerDamping, DelayedForce)}
 )
 """Term name -> class. What the catalogue has radially (duffing, clearance, quadratic damping, friction) is not
 repeated.
