@@ -209,6 +209,7 @@ def _named(
         likely = [several for several in likely if len(several) <= most and max(t.share for t in several) >= least]
     if not likely:
         return NamedForce(force, (), beside, None)
+    likely = [each for several in likely for each in _with_near_delays(model, several)]
     tried = [_trial(model, several, beside, every) for several in likely]
     fits = fit_trials(tried, _unprejudiced(measurement, model, likely, every), found.stage.budget, ahead)
     scores = {
@@ -297,6 +298,26 @@ def _likely(
     return force, [terms for terms in told if terms]
 
 
+def _with_near_delays(model: Model, terms: tuple[Candidate, ...]) -> list[tuple[Candidate, ...]]:
+    """The same terms, and where one follows the motion late, with delays half a natural period and a whole one off: at
+    the natural frequency the force is the same, if the sign changes with every half, so that each has an optimum.
+    """
+    half = math.pi / float(model.rotor.natural_frequency())
+    found = [terms]
+    for place, term in enumerate(terms):
+        if term.scanned != DELAY or not term.seen:
+            continue
+        for halves in (-2, -1, 1, 2):
+            values = {
+                name: value + halves * half if name == DELAY else (-1.0) ** halves * value
+                for name, value in term.coefficients.items()
+            }
+            if values[DELAY] > 0.0:
+                other = dataclasses.replace(term, coefficients=values)
+                found.append((*terms[:place], other, *terms[place + 1 :]))
+    return found
+
+
 def _trial(
     model: Model, terms: tuple[Candidate, ...], beside: tuple[str, ...], every: Mapping[str, type[Effect]]
 ) -> Trial:
@@ -305,6 +326,5 @@ def _trial(
     return Trial(
         full,
         tuple(name for name in (*beside, *(t.term for t in terms)) if name in full),
-        # Of delays a period apart each has an optimum.
-        all(t.seen and t.scanned != DELAY for t in terms),
+        all(t.seen for t in terms),
     )

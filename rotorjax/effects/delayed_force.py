@@ -29,7 +29,7 @@ class DelayedForce(Term, MatrixEffect):
     relatives: ClassVar[tuple[str, ...]] = ("foundation", "damping_error", "stiffness_error")
     sufficient: ClassVar[Plan] = Plan(speeds=(0.6, 0.7, 0.8, 0.9, 1.1, 1.25, 1.4, 1.6))
     starts: ClassVar[tuple[dict[str, float], ...]] = tuple(
-        {"stiffness_n_per_m": 0.1, DELAY: 0.25 * k} for k in range(1, 15)
+        {"stiffness_n_per_m": side * 0.1, DELAY: 0.25 * k} for side in (1.0, -1.0) for k in range(1, 15)
     )
     stiffness_n_per_m: Array = parameter("force per displacement", scale=0.05, of="stiffness")
     delay_s: Array = parameter("delay", scale=2.0 * math.pi, of="period", shape_only=True)

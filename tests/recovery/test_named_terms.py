@@ -297,3 +297,39 @@ def test_an_effect_with_its_power_open_is_the_same_force(effect):
     pair = as_array(np.array([3e-4, -1e-4]))
     instant = Instant(MODEL.rotor, as_array(200.0), as_array(0.4), pair, 150.0 * pair, pair)
     np.testing.assert_allclose(with_power_open(effect, MODEL.rotor).force(instant), effect.force(instant), rtol=1e-6)
+
+
+def late(stiffness: float, delay: float) -> Measurement:
+    """A force k q(t - τ) at many speeds about the resonance, in closed form: K + iωC - ω²M + k e^{-iωτ} along each
+    axis.
+    """
+    speed = np.tile(MACHINE.frequency * np.linspace(0.6, 1.5, 16), len(WEIGHTS))
+    run = np.repeat(np.arange(len(WEIGHTS)), len(speed) // len(WEIGHTS))
+    (unbalance,) = np.array(list(WEIGHTS.values())).T
+    own = [
+        k + 1j * speed * c - speed**2 * MACHINE.mass + stiffness * np.exp(-1j * speed * delay)
+        for k, c in zip(MACHINE.stiffness, MACHINE.damping, strict=True)
+    ]
+    z = speed**2 * unbalance[run] * np.array([1.0 / own[0], -1j / own[1]])
+    noise = np.random.default_rng(7).standard_normal((2, *z.shape))
+    z = (z + SIGMA * (noise[0] + 1j * noise[1])).T[:, :, None]
+    weights = np.stack([unbalance.real, unbalance.imag], axis=-1)[run, None]
+    conditions = Conditions.at(speed, unbalance=weights)
+    return Measurement.from_arrays(z, conditions, run=run, runs=tuple(WEIGHTS), orders=(1.0,), sigma=SIGMA)
+
+
+@pytest.mark.parametrize(("stiffness", "periods"), [(900.0, 1.6), (-900.0, 0.7)])
+def test_a_force_that_follows_the_displacement_late(stiffness, periods):
+    """Named with its delay, not called a foundation or damping, which come near; either sign."""
+    delay = periods * 2.0 * np.pi / MACHINE.frequency
+    found = explain(MODEL, late(stiffness, delay), mistakes=False)
+    assert found.verdict in {"undecided", "unexplained"}
+    assert [t.term for t in found.named_force.terms] == ["term_delayed_force"]
+    values = {e.entry.label: e.value for e in found.named_force.fit.estimates if e.entry.effect == "term_delayed_force"}
+    assert values == {
+        "stiffness_n_per_m": pytest.approx(stiffness, rel=0.1),
+        "delay_s": pytest.approx(delay, rel=0.02),
+    }
+    assert (
+        found.named_force.words == f"force in proportion to the displacement {1e3 * values['delay_s']:.3g} ms earlier"
+    )
