@@ -157,7 +157,7 @@ def index_page() -> str:
     parts.append(
         "## Simple terms of a missing force\n\nWhere no effect of the catalogue explains the data, the missing "
         "force is compared with these terms. Each acts along x and exists along y, too (`_y` in place of `_x`), but "
-        "for the two that grow with a power in every direction; each can be added like an effect: "
+        "for the last three, which act in every direction; each can be added like an effect: "
         "`--effect term_cubic_x`."
     )
     parts.append("\n".join(["| term | what it is | equation |", "| --- | --- | --- |", *terms]))
