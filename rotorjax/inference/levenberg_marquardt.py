@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.inference.linearised import Linearisation, Linearised, Point
-from rotorjax.inference.manner import CONVERGED, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, Manner
+from rotorjax.inference.manner import CONVERGED, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, PATIENCE, Manner
 from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
@@ -23,8 +23,6 @@ STAYS = 0.5
 """Share of the cost that a step must promise to leave at least, far from motions that balance, for nothing to be hoped
 for.
 """
-UNBALANCED = 6
-"""Steps without freedom of the motions in which they balance, as a rule."""
 
 
 @dataclasses.dataclass(eq=False)
@@ -77,7 +75,7 @@ class Descent:
         much, as a rule. Where motions did not come to balance in several steps, or were brought to it far from an
         optimum, a step that promises to halve the cost is waited for.
         """
-        if self.since > UNBALANCED or (self.early and self.under_way):
+        if self.since > PATIENCE or (self.early and self.under_way):
             return self.foreseen > max(cost, STAYS * self.cost)
         return self.under_way and self.foreseen > cost
 
@@ -133,7 +131,7 @@ class Descent:
         fall = before - self.cost if taken and not first else 0.0
         self.stalled = 0 if first or self.freedom > 0.0 or fall > limit else self.stalled + 1
         fallen = taken and not first and fall <= limit and self.damping < 1e-4
-        stuck = self.stalled >= self.manner.most_stalled
+        stuck = self.stalled >= PATIENCE
         balanced = self.freedom == 0.0 and self._off() < BALANCED
         if self.steps >= self.manner.most_steps:
             self.done = True

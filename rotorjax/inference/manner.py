@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+PATIENCE = 6
+"""Steps in a row that may gain nothing; steps in which motions balance, as a rule."""
 FIRST_DAMPING = 1e-3
 """Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
 CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF, LEFT_BEHIND = 0, 1, 2, 3, 4
@@ -32,8 +34,6 @@ class Manner(NamedTuple):
 
     tolerance: Tolerance
     most_steps: int = 60
-    most_stalled: int = 12
-    """Steps in a row that gain nothing."""
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
     firmer: float = 0.5

@@ -12,12 +12,12 @@ FIRST_MOTION = 10.0
 """Freedom of the motions, in their size or the noise, that lets them show just what was measured; of a change along the
 motion of its order, in that of any other.
 """
-SHORTEST = 1e-3
-"""Share of a step of Newton's method below which no balance is looked for."""
 SHORTER = 0.3
 """What is left of a step that leads to more force that is lacking, and of each length to the next."""
 LENGTHS = 4
-"""Lengths of a step tried at once where few states are left, as a chunk of rows is evaluated all the same."""
+"""Lengths of a step of Newton's method that are tried, at once where few states are left, as a chunk of rows is
+evaluated all the same.
+"""
 STEPS = 20
 """Most of them."""
 
@@ -122,7 +122,7 @@ def _towards_balance(
     """
     found, nearest, share = motions.copy(), here.off.copy(), np.ones(len(states))
     for _ in range(STEPS):
-        alive = np.flatnonzero((here.off > tight) & (share > SHORTEST) & np.isfinite(here.size))
+        alive = np.flatnonzero((here.off > tight) & (share > SHORTER**LENGTHS) & np.isfinite(here.size))
         if not len(alive):
             break
         lengths = share[alive, None] * SHORTER ** np.arange(np.clip(BALANCED_CHUNK // len(alive), 1, LENGTHS))
