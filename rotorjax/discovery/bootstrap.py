@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.discovery.contest import Contender, Contest
+from rotorjax.inference.curvature import solved
 from rotorjax.inference.data import Data
 from rotorjax.inference.descent import End, Start, descend
 from rotorjax.inference.manner import QUICK
@@ -110,4 +111,4 @@ class _Draws:
         products = squares_of(self.data, np.zeros(self.counted.shape), slopes, self.training).hessian
         known = 0.5 * np.diag(products)[free:] + own.prior.cost
         gradient = products[:free, free:] + (own.prior.weight * own.point[own.free])[:, None]
-        return known, known - 0.5 * np.sum(gradient * np.linalg.solve(own.curvature, gradient), axis=0)
+        return known, known - 0.5 * np.sum(gradient * solved(own.curvature, gradient), axis=0)

@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.race import Exact, exact_of
+from rotorjax.inference.curvature import inverse
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.manner import LEFT_BEHIND, QUICK
@@ -62,7 +63,7 @@ class _Saturated(NamedTuple):
         """By the curvature of the cost there."""
         linear = [name for name in contest.candidates if name not in contest.costly]
         places = {name: np.flatnonzero(contest.only_of([name])[end.free]) for name in linear}
-        return cls(end, places, np.linalg.inv(end.curvature))
+        return cls(end, places, inverse(end.curvature))
 
     def without_others(self, kept: Collection[str]) -> End:
         """The minimum with only some of the linear effects, to second order: u - C_R (C_RR)⁻¹ u_R, R those that are

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rotorjax.inference.curvature import inverse
 from rotorjax.inference.data import Data
 from rotorjax.inference.descent import End, Local
 from rotorjax.inference.noise import FEW_RUNS
@@ -52,7 +53,7 @@ def robust_covariance(best: End, clusters: list[Local]) -> Float[np.ndarray, "pa
     """Posterior covariance of the unknowns, its standard errors raised to the cluster-robust ones over independent
     parts (Liang, Zeger 1986, Biometrika 73:13-22).
     """
-    posterior = np.linalg.inv(best.curvature)
+    posterior = inverse(best.curvature)
     if len(clusters) > 1 and len(posterior):
         scores = np.stack([slope.T @ error for error, slope in clusters])
         small_sample = len(clusters) / (len(clusters) - 1.0)
@@ -69,7 +70,7 @@ def estimates_of(
 ) -> tuple[Estimate, ...]:
     """Every parameter that was free, in SI, with its standard error."""
     values = space.values(best.point)
-    posterior, width = np.sqrt(np.diag(np.linalg.inv(best.hessian))), best.prior_width
+    posterior, width = np.sqrt(np.diag(inverse(best.hessian))), best.prior_width
     estimates = []
     for entry, value in zip(space.entries, values, strict=True):
         if not free[entry.unknown]:

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from rotorjax.inference.curvature import log_determinant, solved
 from rotorjax.inference.descent import DETERMINED, End
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.prior import prior_at, together
@@ -54,7 +55,7 @@ def log_evidence(end: End, space: Space, log_of: Callable[[float], float], *, wi
     **Arguments:** ``log_of``: logarithm of the likelihood times the prior's density at a cost; ``wide``: effects may be
     three times as strong as declared.
     """
-    own = log_of(end.cost) - 0.5 * float(np.linalg.slogdet(end.curvature)[1])
+    own = log_of(end.cost) - 0.5 * float(log_determinant(end.curvature))
     if end.result != CONVERGED:
         return own
     optimum, total = _Optimum.of(end, together(np.asarray(space.open_size)[end.free])), own
@@ -151,12 +152,12 @@ class _Optimum(NamedTuple):
         to_declared[:, group[:, None], group] = np.linalg.inv(widths)
         weights = prior_at(to_declared @ self.here, self.parts).weight
         curvature = self.data + np.swapaxes(to_declared, 1, 2) @ (weights[..., None] * to_declared)
-        there = np.linalg.solve(curvature, self.pull[:, None])[..., 0]
+        there = solved(curvature, self.pull[:, None])[..., 0]
         step = there - self.here
         fit = self.data_cost + step @ self.data_gradient + 0.5 * np.sum(step @ self.data * step, axis=1)
         declared = (to_declared @ there[..., None])[..., 0]
         cost = fit + prior_at(declared, self.parts).cost
-        volume = -0.5 * np.linalg.slogdet(curvature)[1] - np.linalg.slogdet(widths)[1]
+        volume = -0.5 * log_determinant(curvature) - np.linalg.slogdet(widths)[1]
         return [log_of(float(one)) + float(log) for one, log in zip(cost, volume, strict=True)]
 
 
@@ -174,7 +175,7 @@ def factors(
     others = np.delete(np.arange(len(weight)), group)
     coupling = data[np.ix_(group, others)]
     rest = data[np.ix_(others, others)] + np.diag(weight[others])
-    own = data[np.ix_(group, group)] - coupling @ np.linalg.solve(rest, coupling.T)
+    own = data[np.ix_(group, group)] - coupling @ solved(rest, coupling.T)
     told = float(np.trace(own)) / len(group)
     powers = np.arange(LEAST, largest + 1)
     return STEP ** powers[(powers >= 0) | (told * STEP ** (2.0 * powers) >= SEEN**2)]

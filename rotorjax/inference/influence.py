@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool
 
+from rotorjax.inference.curvature import solved
 from rotorjax.inference.data import Data
 from rotorjax.inference.descent import End, Local
 from rotorjax.inference.squares import squares_of
@@ -21,7 +22,7 @@ def influenced(data: Data, end: End, training: Bool[np.ndarray, "case"]) -> End:
     squares, here = squares_of(data, end.local.error, end.local.slopes, training), end.point[end.free]
     weight = end.prior.weight
     gradient, curvature = squares.gradient + weight * here, squares.hessian + np.diag(weight)
-    step = -np.linalg.solve(curvature, gradient)
+    step = -solved(curvature, gradient[:, None])[:, 0]
     cost = squares.cost + end.prior.cost + 0.5 * float(gradient @ step)
     prior = end.prior._replace(cost=end.prior.cost + float((weight * (here + 0.5 * step)) @ step))
     point = end.point.copy()

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from rotorjax.inference.curvature import ROUNDING, unit_diagonal
 from rotorjax.inference.linearised import Linearisation, Linearised, Point
 from rotorjax.inference.manner import CONVERGED, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, PATIENCE, Manner
 from rotorjax.inference.motions import BALANCED
@@ -224,10 +225,9 @@ class Descent:
         self.full = step
         decrement, self.foreseen = 0.0, self.normal.cost
         if len(free):
-            scale = 1.0 / np.sqrt(np.diag(hessian))
-            scaled = hessian * scale[:, None] * scale[None]
+            scaled, scale = unit_diagonal(hessian)
             downhill = scale * gradient
-            full = self.full = -scale * np.linalg.solve(scaled + 1e-12 * np.eye(len(free)), downhill)
+            full = self.full = -scale * np.linalg.solve(scaled + ROUNDING * np.eye(len(free)), downhill)
             decrement = -0.5 * float(gradient @ full)
             self.foreseen = float(
                 self.normal.cost + self.normal.gradient @ full + 0.5 * full @ self.normal.hessian @ full
