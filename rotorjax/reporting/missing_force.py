@@ -55,7 +55,13 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
             else "A force outside the catalogue would do better"
         )
         alone = "" if named.beside else " alone"
-        return f"{how}, {beside}: {words}. With it{alone} the error is {after} µm rms{held}."
+        own, theirs = fitted.reduced_chi2, found.story.fits[-1].reduced_chi2
+        compared = (
+            ""
+            if own is None or theirs is None
+            else f", reduced chi² {number(own)} (that of the answer: {number(theirs)})"
+        )
+        return f"{how}, {beside}: {words}. With it{alone} the error is {after} µm rms{held}{compared}."
     rest = (
         ", which is what the noise allows"
         if named.enough
