@@ -17,12 +17,19 @@ def unit_diagonal(
     return curvature * scale[..., :, None] * scale[..., None, :], scale
 
 
+def _regular(
+    curvature: Float[np.ndarray, "*many free free"],
+) -> tuple[Float[np.ndarray, "*many free free"], Float[np.ndarray, "*many free"]]:
+    """The same, with rounding added to the diagonal."""
+    scaled, scale = unit_diagonal(curvature)
+    return scaled + ROUNDING * np.eye(scaled.shape[-1]), scale
+
+
 def solved(
     curvature: Float[np.ndarray, "*many free free"], right: Float[np.ndarray, "*any free column"]
 ) -> Float[np.ndarray, "*many free column"]:
     """The inverse of a curvature times columns, up to rounding."""
-    scaled, scale = unit_diagonal(curvature)
-    regular = scaled + ROUNDING * np.eye(scaled.shape[-1])
+    regular, scale = _regular(curvature)
     return scale[..., None] * np.linalg.solve(regular, scale[..., None] * right)
 
 
@@ -33,6 +40,5 @@ def inverse(curvature: Float[np.ndarray, "free free"]) -> Float[np.ndarray, "fre
 
 def log_determinant(curvature: Float[np.ndarray, "*many free free"]) -> Float[np.ndarray, "*many"]:
     """Its logarithm, up to rounding."""
-    scaled, scale = unit_diagonal(curvature)
-    regular = scaled + ROUNDING * np.eye(scaled.shape[-1])
+    regular, scale = _regular(curvature)
     return np.asarray(np.linalg.slogdet(regular)[1] - 2.0 * np.sum(np.log(scale), axis=-1))

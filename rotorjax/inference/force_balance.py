@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.kernels import add_dynamic, as_coefficients
-from rotorjax.inference.programs import compiled, nameless
+from rotorjax.inference.programs import MOST_ROWS, compiled, nameless
 from rotorjax.inference.space import labels_of, values_of
 from rotorjax.model.conditions import Conditions, Probes
 from rotorjax.model.contract import ReadingEffect, WaveformEffect
@@ -31,8 +31,6 @@ from rotorjax.physics.steady_state import Ready, by_order
 
 CHUNK = 16
 """Rows evaluated together: a force that is at its null in all of them is passed over."""
-MOST_ROWS = 512
-"""Rows whose balance is kept as a whole at one time: of the others only what was measured."""
 
 
 class Balances(NamedTuple):

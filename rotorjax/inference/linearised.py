@@ -27,7 +27,7 @@ from jaxtyping import Complex, Float, Int
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.kernels import COLUMNS, Equations, Rows, kernels_of
-from rotorjax.inference.programs import side_by_side
+from rotorjax.inference.programs import MOST_ROWS, side_by_side
 from rotorjax.inference.space import Space
 from rotorjax.inference.states import States
 
@@ -114,10 +114,6 @@ class Linearised(NamedTuple):
     def finite(self) -> bool:
         """Whether it can be used at all."""
         return bool(np.all(np.isfinite(self.error)) and np.all(np.isfinite(self.slopes)))
-
-
-MOST_ROWS = 512
-"""Rows of the balance kept at one time, with those of one point more: every row has the matrix of its motion."""
 
 
 class _Task(NamedTuple):

@@ -20,6 +20,10 @@ from rotorjax.model.model import Model
 
 LINEAR_CHUNK = 128
 """Rows evaluated together where each costs little."""
+MOST_ROWS = 512
+"""Rows of the balance of forces kept whole at one time, with those of one point more: every row has the matrix of its
+motion.
+"""
 
 _WORKERS = ThreadPoolExecutor(os.cpu_count())
 """Compiled code, NumPy's too, leaves the interpreter to others while it runs."""
