@@ -106,7 +106,7 @@ def files() -> dict[str, float]:
     import jax  # noqa: PLC0415
 
     from rotorjax import Jeffcott  # noqa: PLC0415
-    from rotorjax.diagnosis.dataset_files import Recipe, read_dataset, stream  # noqa: PLC0415
+    from rotorjax.batch.dataset_files import Recipe, read_dataset, stream  # noqa: PLC0415
 
     jax.config.update("jax_enable_x64", True)
     recipe = Recipe(Jeffcott(MASS, STIFFNESS, RATIO), SPEED_RPM, FILES_COUNT, key=jax.random.key(0), chunk=CHUNK)

@@ -14,7 +14,7 @@ import jax
 from tqdm import tqdm
 
 from rotorjax import Jeffcott
-from rotorjax.diagnosis.dataset_files import Recipe, stream
+from rotorjax.batch.dataset_files import Recipe, stream
 
 
 @dataclasses.dataclass(frozen=True)

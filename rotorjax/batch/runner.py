@@ -3,10 +3,22 @@
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from rotorjax.batch.case import Case, Executor, Function, Outcome
-from rotorjax.batch.store import Store
+
+
+@runtime_checkable
+class Keeper(Protocol):
+    """What keeps the outcomes of a run."""
+
+    def plan(self, cases: Sequence[Case]) -> list[Case]:
+        """Say which cases the run has. **Returns** those that are not finished."""
+        ...
+
+    def keep(self, case: Case, outcome: Outcome) -> None:
+        """Keep what became of a case, at once."""
+        ...
 
 
 class Progress(NamedTuple):
@@ -29,9 +41,9 @@ class Progress(NamedTuple):
 def run(
     function: Function,
     cases: Sequence[Case],
-    store: Store,
+    store: Keeper,
     executor: Executor,
-    told: Callable[[Progress], None] = lambda progress: None,
+    told: Callable[[Progress], object] = lambda progress: None,
 ) -> Progress:
     """Do all cases that the store does not hold yet.
 

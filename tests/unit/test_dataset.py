@@ -16,9 +16,9 @@ import pytest
 from scipy import stats
 
 from rotorjax import Jeffcott
+from rotorjax.batch.dataset_files import Recipe, read_dataset, stream
 from rotorjax.diagnosis import dataset
 from rotorjax.diagnosis.dataset import Dataset, FaultPrior, make_dataset, sample_faults, split, with_noise
-from rotorjax.diagnosis.dataset_files import Recipe, read_dataset, stream
 from rotorjax.diagnosis.features import fault_features, fault_values
 from rotorjax.errors import InputError
 from rotorjax.units import RPM
@@ -302,7 +302,7 @@ from pathlib import Path
 import jax
 jax.config.update("jax_enable_x64", True)
 from rotorjax import Jeffcott
-from rotorjax.diagnosis.dataset_files import Recipe, stream
+from rotorjax.batch.dataset_files import Recipe, stream
 from rotorjax.units import RPM
 call, number, folder = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
 plain = getattr(os, call)
@@ -348,7 +348,7 @@ def test_a_failed_write_leaves_no_file(recipe, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(zipfile.ZipFile, "writestr", full)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(InputError, match=r"chunk-000000.npz: not written \(No space left on device\)"):
             stream(recipe, tmp_path / "full")
     assert os.listdir(tmp_path / "full") == ["manifest.json"]
 

@@ -14,9 +14,7 @@ import math
 import os
 import tempfile
 import zipfile
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +25,9 @@ from jax import Array
 from jaxtyping import Key
 
 from rotorjax.arrays import require_float64
+from rotorjax.batch.case import Case, Outcome
+from rotorjax.batch.runner import run
+from rotorjax.batch.threads import Threads
 from rotorjax.diagnosis.dataset import CaseSampler, Dataset, FaultPrior, check_wanted
 from rotorjax.errors import InputError
 from rotorjax.model.rotor import Jeffcott
@@ -119,38 +120,52 @@ def stream(recipe: Recipe, folder: Path, *, progress: Callable[[int, int], objec
     chunks whose hash is right are kept; ``progress(done, total)`` is called after every chunk with numbers of cases.
     Not for two calls at once.
     **Errors.** ``ValueError`` as for `make_dataset`; `InputError` for a folder of another recipe, or of other files, or
-    that cannot be made.
+    that cannot be made or written to.
     """
     require_float64("a dataset")
     sampler = CaseSampler.of(recipe.rotor, recipe.speed_rpm, recipe.prior)
-    entries = _open_folder(recipe, folder)
-    todo: list[int] = []
-    done = 0
-    for k, entry in enumerate(entries):
-        if entry.sha256 is not None and _digest(folder / entry.file) == entry.sha256:
-            done += entry.rows
-        else:
-            todo.append(k)
-    progress(done, recipe.count)
-    pending: deque[tuple[int, Future[str]]] = deque()
+    chunks = _Chunks(recipe, folder)
 
-    def finish() -> None:
-        nonlocal done
-        k, written = pending.popleft()
-        entries[k] = entries[k]._replace(sha256=written.result())
-        _write_manifest(folder, recipe, entries)
-        done += entries[k].rows
-        progress(done, recipe.count)
+    def make(index: int) -> dict[str, str]:
+        # Double precision may be a setting of the calling thread alone.
+        with jax.enable_x64(True):
+            made = sampler.draw(jax.random.fold_in(recipe.key, index), chunks.entries[index].rows)
+        path = folder / chunks.entries[index].file
+        try:
+            return {"sha256": _write_chunk(path, made)}
+        except OSError as error:
+            return {"failure": f"{path}: not written ({error.strerror or error}); mend that, call stream again"}
 
-    with ThreadPoolExecutor(WRITERS) as pool:
-        for k in todo:
-            # Made in this thread: JAX's settings, double precision among them, may hold for one thread only.
-            made = sampler.draw(jax.random.fold_in(recipe.key, k), entries[k].rows)
-            pending.append((k, pool.submit(_write_chunk, folder / entries[k].file, made)))
-            if len(pending) > WRITERS:
-                finish()
-        while pending:
-            finish()
+    cases = [Case(entry.file, k) for k, entry in enumerate(chunks.entries)]
+    run(make, cases, chunks, Threads(WRITERS), told=lambda _: progress(chunks.rows_made, recipe.count))
+
+
+class _Chunks:
+    """The chunks of a folder, of which the manifest says which are made."""
+
+    def __init__(self, recipe: Recipe, folder: Path):
+        self._recipe, self._folder = recipe, folder
+        self.entries = _open_folder(recipe, folder)
+
+    @property
+    def rows_made(self) -> int:
+        """Cases in the chunks that are made."""
+        return sum(entry.rows for entry in self.entries if entry.sha256 is not None)
+
+    def plan(self, cases: Sequence[Case]) -> list[Case]:
+        """Those that are missing, or whose file is not the one that was made."""
+        for k, entry in enumerate(self.entries):
+            if entry.sha256 is not None and _digest(self._folder / entry.file) != entry.sha256:
+                self.entries[k] = entry._replace(sha256=None)
+        return [case for case in cases if self.entries[case.payload].sha256 is None]
+
+    def keep(self, case: Case, outcome: Outcome) -> None:
+        """Write in the manifest that a chunk is made; `InputError` where it could not be."""
+        made = json.loads(outcome.row or "{}")
+        if "sha256" not in made:
+            raise InputError(made.get("failure") or f"{self._folder / case.name}: {outcome.failure}")
+        self.entries[case.payload] = self.entries[case.payload]._replace(**made)
+        _write_manifest(self._folder, self._recipe, self.entries)
 
 
 def read_dataset(folder: Path) -> Iterator[Dataset]:
