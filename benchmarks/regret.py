@@ -12,7 +12,10 @@ output folder are kept, and stand beside the new ones.
 """
 
 import argparse
+import ast
 import dataclasses
+import importlib
+import inspect
 import json
 import math
 import multiprocessing
@@ -40,7 +43,7 @@ from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, Start, best_of, descend, starts_at
 from rotorjax.inference.linearised import Linearisation
-from rotorjax.inference.manner import QUICK, THOROUGH, Manner
+from rotorjax.inference.manner import QUICK, THOROUGH, Manner, Tolerance
 from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -56,6 +59,8 @@ from hidden import Plan
 Truth = Mapping[str, Mapping[str, float]]
 """Effect -> label -> value in SI."""
 
+OPTIMISER = ("manner", "motions", "levenberg_marquardt", "descent", "scan")
+"""Modules of `rotorjax.inference` that say how a fit goes on."""
 EFFECT_SEEDS, FORCE_SEEDS = (126, 300, 313, 513, 563, 584, 682, 781, 1356), (205, 425)
 RESTORING = tuple(name for name, cls in CATALOG.items() if issubclass(cls, RestoringEffect))
 WEIGHTS = {"baseline": 4e-6, "trial-a": 30e-6, "trial-b": 30e-6 * np.exp(2.1j), "trial-c": 20e-6 * np.exp(-1.5j)}
@@ -404,6 +409,19 @@ def total(rows: list[dict | None]) -> list[str]:
     return [*costs, added("linearisations", "d"), added("cpu_s", ".1f"), added("first_call_cpu_s", ".1f"), "", ""]
 
 
+def steering() -> list[str]:
+    """The numbers that steer a fit: constants of the optimiser's modules, and what its two manners are made of."""
+    found = [f"{name}.{part}" for name in ("FINE", "COARSE") for part in Tolerance._fields]
+    for module in OPTIMISER:
+        imported = importlib.import_module(f"rotorjax.inference.{module}")
+        for node in ast.walk(ast.parse(inspect.getsource(imported))):
+            if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Constant):
+                found += [ast.unparse(node.target)] if type(node.value.value) in (int, float) else []
+            elif isinstance(node, ast.Assign) and (name := ast.unparse(node.targets[0])).isupper():
+                found += [name] if isinstance(vars(imported).get(name), int | float | np.ndarray) else []
+    return found
+
+
 def code() -> str:
     """The commit of the rotorjax that is measured."""
 
@@ -432,7 +450,9 @@ def write(folder: Path, rows: list[dict]) -> None:
     title = f"# Fits from declared starts beside fits from the truth, commit {code()}"
     told = "Written by `python benchmarks/regret.py --output benchmarks/results`."
     told += f"\n*Before*: commit {before['commit']}; {before['about']}" if before else ""
-    write_whole(folder / "regret.md", "\n\n".join([title, ABOUT, told, table]) + "\n")
+    steers = steering()
+    counted = f"Numbers that steer such a fit: {len(steers)} ({', '.join(steers)})."
+    write_whole(folder / "regret.md", "\n\n".join([title, ABOUT, told, table, counted]) + "\n")
     write_whole(path, json.dumps({"commit": code(), "rows": rows, "before": before}, indent=1) + "\n")
 
 

@@ -29,7 +29,7 @@ from rotorjax.discovery.search import Selection, begin, change_by, noise_size, s
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
-from rotorjax.inference.ahead import make_programs_ahead
+from rotorjax.inference.ahead import make_programs_ahead, make_programs_of_terms_ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
@@ -160,6 +160,8 @@ def _answer(
     budget = selection.contest.budget
     left_out = ["mistakes in rig file and table"] if written.left_out else []
     stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
+    if thorough and _leaves_more_than_noise(selection):
+        make_programs_of_terms_ahead(model, selection.contest.measurement)
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.
@@ -195,6 +197,13 @@ def _answer(
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or 0, tuple(stages.untried)),
     )
+
+
+def _leaves_more_than_noise(selection: Selection) -> bool:
+    """Whether it seems that nothing will explain the data."""
+    allowance, contest = noise_left(selection).allowance, selection.contest
+    m = contest.measurement
+    return is_large(allowance, m) if m.sigma is None else allowance > contest.floor.allowance
 
 
 def _held_out(selection: Selection, ties: Ties, stages: "_Stages") -> HeldOut:

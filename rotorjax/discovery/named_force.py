@@ -302,7 +302,7 @@ def _with_near_delays(model: Model, terms: tuple[Candidate, ...]) -> list[tuple[
     """The same terms, and where one follows the motion late, with delays half a natural period and a whole one off: at
     the natural frequency the force is the same, if the sign changes with every half, so that each has an optimum.
     """
-    half = math.pi / float(model.rotor.natural_frequency())
+    half = math.pi * model.rotor.quantities()["period"]
     found = [terms]
     for place, term in enumerate(terms):
         if term.scanned != DELAY or not term.seen:

@@ -1,8 +1,10 @@
 """Nonlinear forces, stiffness that turns with the shaft, and a probe that saturates: what needs harmonic balance."""
 
+import math
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from rotorjax.model.contract import BALANCE_GRADE, AbstractRotor, Family, Instant, Plan, RestoringEffect, WaveformEffect
@@ -52,7 +54,7 @@ def drive_objection(friction: Array) -> str | None:
 
 def stop_remark(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> str | None:
     """Whether the rotor at rest lies in a stop."""
-    sag = float(rotor.mass * jnp.hypot(*(rotor.gravity / rotor.stiffness)))
+    sag = float(rotor.mass) * math.hypot(*(np.asarray(rotor.gravity) / np.asarray(rotor.stiffness)))
     if float(stiffness) > 0.0 and float(inverse_gap) * sag > 1.0:
         gap, sag = 1.0 / (float(inverse_gap) * MICROMETRE), sag / MICROMETRE
         return (
@@ -64,7 +66,7 @@ def stop_remark(rotor: AbstractRotor, stiffness: Array, inverse_gap: Array) -> s
 
 def depth_objection(rotor: AbstractRotor, loss_x: Array, loss_y: Array, where: str = "") -> str | None:
     """What speaks against a loss of stiffness that turns with the shaft: the shaft has less."""
-    loss, least = float(jnp.hypot(loss_x, loss_y)), float(jnp.min(rotor.stiffness))
+    loss, least = math.hypot(float(loss_x), float(loss_y)), float(np.min(np.asarray(rotor.stiffness)))
     return f"takes {loss:.3g} N/m{where}, more than the {least:.3g} N/m that the shaft has" if loss > least else None
 
 

@@ -5,12 +5,15 @@ first.
 """
 
 from rotorjax.data.measurement import Measurement
+from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.inference.kernels import kernels_of
 from rotorjax.inference.linear_rotor import LinearRotor
 from rotorjax.inference.programs import in_background
-from rotorjax.inference.space import Space
+from rotorjax.inference.space import Space, make_space
 from rotorjax.inference.whirl_modes import RotorInTime
+from rotorjax.model.model import Model
 
 
 def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force: bool) -> None:
@@ -29,3 +32,11 @@ def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force
         RotorInTime(model).make_ahead()
 
     in_background(others)
+
+
+def make_programs_of_terms_ahead(model: Model, measurement: Measurement) -> None:
+    """Those that fit simple terms of a missing force beside the catalogue."""
+    full = model.with_orders(measurement.orders).in_company((CATALOG | TERMS).values())
+    kernels = kernels_of(make_space(full, measurement.knowledge))
+    if not kernels.warm:
+        kernels.make_ahead(measurement.conditions, swept=False)

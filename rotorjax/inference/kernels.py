@@ -119,9 +119,9 @@ class Kernels:
         """Whether the program for nonlinear forces was called before."""
         return self._balanced.program.warm
 
-    def make_ahead(self, conditions: Conditions) -> None:
-        """Make the programs that take long in the background, in the order in which a search needs them, for conditions
-        like these.
+    def make_ahead(self, conditions: Conditions, *, swept: bool = True) -> None:
+        """Make the programs in the background, in the order in which a search needs them, for conditions like these.
+        **Arguments:** ``swept``: the one for what a sweep adds, too.
         """
         rows = Rows(
             np.zeros((1, self._sweeping.size - 1)),
@@ -131,7 +131,9 @@ class Kernels:
                 for values in (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
             ),
         )
-        self._swept.make_ahead(*rows)
+        self._linear.make_ahead(*rows.steady)
+        if swept:
+            self._swept.make_ahead(*rows)
         steady = self._filled(rows).steady
         self._balanced.make_ahead(*steady, np.zeros((1, self.dof, self.coefficients)))
         self._refined.make_ahead(*steady, np.zeros((1, self.dof, self.wide)))
@@ -262,8 +264,9 @@ def _with_slopes(
         def shown(at: Array) -> Array:
             return vectors(without_coupling(space.at(at)), Conditions(*condition))
 
-        value, push = jax.linearize(shown, u)
-        return value, jax.vmap(push)(jax.nn.one_hot(wanted, len(u), dtype=float))
+        # The value with the slopes, and not linearised once for all columns: both take longer to trace and to run.
+        units = jax.nn.one_hot(wanted, len(u), dtype=float)
+        return jax.vmap(lambda unit: jax.jvp(shown, (u,), (unit,)), out_axes=(None, 0))(units)
 
     return jax.vmap(row)(unknowns, columns, *conditions)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from rotorjax.arrays import Numbers, as_float
+from rotorjax.arrays import Numbers, as_array, as_float, is_known
 from rotorjax.model.conditions import HarmonicBalance, Layout, Probes, two_probes
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.shown import Shown
@@ -99,11 +99,12 @@ class Model(eqx.Module, Shown):
                 yield value
                 continue
             axis = declared.axes.index("order")
-            kept = [
-                jnp.take(value, old.index(n), axis) if n in old else jnp.zeros_like(jnp.take(value, 0, axis))
-                for n in orders
-            ]
-            yield jnp.stack(kept, axis)
+            # In NumPy where nothing is traced: single operations of JAX's are compiled one by one.
+            known = is_known(value)
+            arrays, own = (np, np.asarray(value)) if known else (jnp, value)
+            blank = arrays.zeros_like(arrays.take(own, 0, axis))
+            kept = [arrays.take(own, old.index(n), axis) if n in old else blank for n in orders]
+            yield as_array(np.stack(kept, axis)) if known else jnp.stack(kept, axis)
 
     def _with_effects(self, effects: Iterable[Effect]) -> "Model":
         return dataclasses.replace(self, effects=tuple(sorted(effects, key=lambda e: e.name)))
