@@ -415,7 +415,7 @@ def steering() -> list[str]:
     for module in OPTIMISER:
         imported = importlib.import_module(f"rotorjax.inference.{module}")
         for node in ast.walk(ast.parse(inspect.getsource(imported))):
-            if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Constant):
+            if module == "manner" and isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Constant):
                 found += [ast.unparse(node.target)] if type(node.value.value) in (int, float) else []
             elif isinstance(node, ast.Assign) and (name := ast.unparse(node.targets[0])).isupper():
                 found += [name] if isinstance(vars(imported).get(name), int | float | np.ndarray) else []
