@@ -4,7 +4,15 @@ import jax
 import numpy as np
 import pytest
 
+from rotorjax import effects
+from rotorjax.discovery.fit import Trial, fit_trials
+from rotorjax.effects.terms import TERMS
+from rotorjax.inference.ahead import make_programs_of_terms_ahead
+from rotorjax.inference.budget import Budget
+from rotorjax.inference.kernels import Kernels
 from rotorjax.inference.programs import Compiled, Program
+
+import hidden
 
 
 def doubling(traced: list[int], *, fails_first: bool = False) -> Compiled:
@@ -31,3 +39,17 @@ def test_what_is_made_ahead_is_not_made_again(fails_first):
     (twice,) = program(np.arange(6.0))
     np.testing.assert_array_equal(twice, 2.0 * np.arange(6.0))
     assert len(traced) == 1 + fails_first
+
+
+def test_fits_of_terms_need_no_programs_but_those_made_ahead(monkeypatch):
+    model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
+    ahead, needed = set(), set()
+    monkeypatch.setattr(Kernels, "warm", False)
+    monkeypatch.setattr(Compiled, "make_ahead", lambda self, *rows: ahead.add(self.program))
+    make_programs_of_terms_ahead(model, measurement)
+    whole = Compiled.__call__
+    monkeypatch.setattr(Compiled, "__call__", lambda self, *rows: needed.add(self.program) or whole(self, *rows))
+    cubic = model.plus([TERMS["term_cubic_x"]()])
+    fit_trials([Trial(cubic, ("term_cubic_x",), near=False)], measurement, Budget())
+    assert needed
+    assert needed <= ahead
