@@ -128,7 +128,7 @@ def main() -> None:
     asked = tasks(arguments.output, arguments.picture)
     print(
         f"{len(asked)} measurements are explained, as many at one time as there are processors, with a report for "
-        "each: one and a half to four minutes on two cores.\n",
+        "each: one and a quarter to four minutes on two cores.\n",
         flush=True,
     )
     arguments.output.mkdir(parents=True, exist_ok=True)

@@ -160,7 +160,7 @@ def _answer(
     budget = selection.contest.budget
     left_out = ["mistakes in rig file and table"] if written.left_out else []
     stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
-    if thorough and _leaves_more_than_noise(selection):
+    if thorough and _is_more_than_noise(noise_left(selection).allowance, selection.contest):
         make_programs_of_terms_ahead(model, selection.contest.measurement)
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
@@ -197,13 +197,6 @@ def _answer(
         named_force=named,
         cost=Cost(contest.budget.spent, contest.budget.limit or 0, tuple(stages.untried)),
     )
-
-
-def _leaves_more_than_noise(selection: Selection) -> bool:
-    """Whether it seems that nothing will explain the data."""
-    allowance, contest = noise_left(selection).allowance, selection.contest
-    m = contest.measurement
-    return is_large(allowance, m) if m.sigma is None else allowance > contest.floor.allowance
 
 
 def _held_out(selection: Selection, ties: Ties, stages: "_Stages") -> HeldOut:
@@ -335,15 +328,19 @@ def _verdict(
     m = contest.measurement
     if p is not None:
         structure = p.value <= UNEXPLAINED
-    elif m.sigma is None:
-        structure = is_large(last.misfit, m)
     else:
-        structure = last.misfit > contest.floor.allowance and _nominal(last) <= UNEXPLAINED
+        structure = _is_more_than_noise(last.misfit, contest) and (m.sigma is None or _nominal(last) <= UNEXPLAINED)
     if structure:
         return "unexplained"
     if ties.tied or not confirmed or last.objections(selection.effects) or selection.more:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
+
+
+def _is_more_than_noise(misfit: float, contest: Contest) -> bool:
+    """Whether an answer leaves this much misfit besides noise, at first sight."""
+    m = contest.measurement
+    return is_large(misfit, m) if m.sigma is None else misfit > contest.floor.allowance
 
 
 def _nominal(last: Fit) -> float:

@@ -264,7 +264,7 @@ def _with_slopes(
         def shown(at: Array) -> Array:
             return vectors(without_coupling(space.at(at)), Conditions(*condition))
 
-        # The value with the slopes, and not linearised once for all columns: both take longer to trace and to run.
+        # Not linearised once for all columns, nor the value by itself: either takes longer to trace and to run.
         units = jax.nn.one_hot(wanted, len(u), dtype=float)
         return jax.vmap(lambda unit: jax.jvp(shown, (u,), (unit,)), out_axes=(None, 0))(units)
 
