@@ -211,6 +211,10 @@ class Measurement(Shown):
         """Speed of every case."""
         return np.asarray(self.conditions.speed) / RPM
 
+    def steady_rpm(self, cases: Bool[np.ndarray, "case"] | None = None) -> Float[np.ndarray, "speed"]:
+        """Speeds that were held while they were measured [rpm]. **Arguments:** ``cases`` that count, by default all."""
+        return np.unique(self.speed_rpm[(self.conditions.sweeps == 0.0) & (True if cases is None else cases)])
+
     @property
     def noise_rms(self) -> float | None:
         """What the rms over all vectors is of noise alone, sqrt(2 mean sigma²) [m]; none where it is unknown."""

@@ -170,6 +170,11 @@ class Contest:
         return misfit_of(self.kept_measurement(), felt_by, left, len(end.free), self.floor)
 
     @cached_property
+    def steady_rpm(self) -> Float[np.ndarray, "speed"]:
+        """Speeds that were held while they were measured, of the cases that count [rpm]."""
+        return self.measurement.steady_rpm(self.training)
+
+    @cached_property
     def most_held(self) -> float:
         """Cost of the data up to which a fit holds within the noise of the table."""
         numbers = np.count_nonzero(self.kept_measurement().weights(0.0))

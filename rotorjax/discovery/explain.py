@@ -173,10 +173,10 @@ def _answer(
     last = fits[-1]
     if selection.small and not selection.effects:
         last = fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
-    verdict = _verdict(selection, ties, p, last, contest, confirmed=story.confirmed)
+    verdict = _verdict(selection, ties, p, last, contest, story)
     contest.budget.release()
     named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
-    if verdict != "unexplained" and (stages.untried or written.tied or story.hardly_moves):
+    if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
     if verdict == "nothing missing" and written.best.mistake is not None:
         verdict = "explained"
@@ -322,17 +322,17 @@ def _with_ties(
     return best, ties, noise_left(best)
 
 
-def _verdict(
-    selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, *, confirmed: bool
-) -> Verdict:
+def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, contest: Contest, story: Story) -> Verdict:
     m = contest.measurement
+    if story.hardly_moves and m.rms > 0.0:
+        return "undecided"
     if p is not None:
         structure = p.value <= UNEXPLAINED
     else:
         structure = _is_more_than_noise(last.misfit, contest) and (m.sigma is None or _nominal(last) <= UNEXPLAINED)
     if structure:
         return "unexplained"
-    if ties.tied or not confirmed or last.objections(selection.effects) or selection.more:
+    if ties.tied or not story.confirmed or last.objections(selection.effects) or selection.more:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
 

@@ -37,8 +37,10 @@ from rotorjax.inference.noise import (
     run_floor,
 )
 from rotorjax.inference.space import make_space
+from rotorjax.inference.stable import unstable_speeds
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
+from rotorjax.physics.stability import SELF_EXCITING
 from rotorjax.shown import Shown
 from rotorjax.units import MICROMETRE
 
@@ -107,9 +109,17 @@ class Fit(Shown):
 
     def objections(self, names: Iterable[str]) -> tuple[str, ...]:
         """What speaks against the values of these effects, each by name."""
-        said = ((e.name, e.objection(self.model.rotor)) for e in self.model.effects if e.name in set(names))
+        own = [e for e in self.model.effects if e.name in set(names)]
+        said = ((e.name, e.objection(self.model.rotor) or self._unstable(e.name)) for e in own)
         spoken = tuple(f"{name} {words}" for name, words in said if words is not None)
         return spoken if self.end.exact else (*spoken, NOT_STEADY)
+
+    def _unstable(self, name: str) -> str | None:
+        """What an effect says against itself that makes the rotor unstable."""
+        speeds = self.stage.measurement.steady_rpm()
+        if name not in SELF_EXCITING or not (count := unstable_speeds(self.end, self.stage.space, speeds)):
+            return None
+        return f"makes the rotor unstable at {count} of the {len(speeds)} speeds at which a steady state was measured"
 
 
 def fit(

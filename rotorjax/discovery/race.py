@@ -16,6 +16,7 @@ from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
 from rotorjax.inference.squares import squares_of
+from rotorjax.inference.stable import log_probability_stable
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
@@ -190,7 +191,11 @@ def contender_of(
     if not distinct:
         return Contender(effects, (best_of(ends),), -math.inf, noise)
     counted = [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]
-    terms = [log_evidence(end, contest.space, log_of, wide=wide) for end in counted]
+    terms = [
+        log_evidence(end, contest.space, log_of, wide=wide)
+        + log_probability_stable(end, contest.space, contest.steady_rpm)
+        for end in counted
+    ]
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
 
 
@@ -239,6 +244,7 @@ def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: b
     every = np.ones(len(error), bool)
     cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
     prior = float(log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost)
+    prior += log_probability_stable(end, contest.space, contest.steady_rpm)
     return Scored(
         float(-(cost + normalised * logarithm)),
         float(share_counted(contest, noise)),

@@ -139,7 +139,7 @@ class Space:
 
     def coupled(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects that make the orders depend on one another."""
-        return self._of_kind(RestoringEffect | WaveformEffect)
+        return self.of_kind(RestoringEffect | WaveformEffect)
 
     def is_linear_at(self, point: Float[np.ndarray, "param"]) -> bool:
         """Whether no such effect is there: what is shown is then linear in what is installed."""
@@ -149,9 +149,10 @@ class Space:
 
     def sweeping(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects by which the speed changes."""
-        return self._of_kind(SweepEffect)
+        return self.of_kind(SweepEffect)
 
-    def _of_kind(self, kind: type[Effect] | UnionType) -> Bool[np.ndarray, "param"]:
+    def of_kind(self, kind: type[Effect] | UnionType) -> Bool[np.ndarray, "param"]:
+        """Unknowns of effects of a class."""
         names = {e.name for e in self.model.effects if isinstance(e, kind)}
         mask = np.zeros(len(self.entries), dtype=bool)
         mask[[e.unknown for e in self.entries if e.effect in names]] = True

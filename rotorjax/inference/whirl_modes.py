@@ -67,6 +67,16 @@ class _InTime(NamedTuple):
     exists: Bool[np.ndarray, "speed"]
     speed: Float[np.ndarray, "speed"]
 
+    @property
+    def state_matrix(self) -> Float[np.ndarray, "speed entry entry"]:
+        """Of (q, q̇ / Ω), whose entries are of one size."""
+        size, turning = self.stiffness.shape[-1], self.speed[:, None, None]
+        matrix = np.zeros((len(self.speed), 2 * size, 2 * size))
+        matrix[:, :size, size:] = turning * np.eye(size)
+        matrix[:, size:, :size] = -(self.inverse_mass @ self.stiffness) / turning
+        matrix[:, size:, size:] = -(self.inverse_mass @ self.damping)
+        return matrix
+
 
 class RotorInTime:
     """M q̈ + C q̇ + K q = 0 at any speeds, of a model in company of all linear effects of the catalogue."""
@@ -103,14 +113,8 @@ class RotorInTime:
         found = self.matrices(speed_rpm)
         if found is None:
             return None
-        inverse_mass, damping, stiffness, _, speed = found
-        size = stiffness.shape[-1]
-        # Velocities in units of Ω keep the entries of one size.
-        state = np.zeros((len(speed), 2 * size, 2 * size))
-        state[:, :size, size:] = speed[:, None, None] * np.eye(size)
-        state[:, size:, :size] = -(inverse_mass @ stiffness) / speed[:, None, None]
-        state[:, size:, size:] = -(inverse_mass @ damping)
-        eigenvalue, shape = np.linalg.eig(state)
+        inverse_mass, speed, size = found.inverse_mass, found.speed, found.stiffness.shape[-1]
+        eigenvalue, shape = np.linalg.eig(found.state_matrix)
         force = np.zeros((len(speed), 2 * size, 1), complex)
         force[:, size:, 0] = inverse_mass[:, :, :2] @ np.array([1.0, -1j * self._spin]) / speed[:, None]
         detuned = 1j * speed[:, None] - eigenvalue
@@ -120,6 +124,14 @@ class RotorInTime:
         part = (np.linalg.pinv(shape) @ force)[:, :, 0] / detuned
         shares = part[:, :, None] * np.swapaxes(shape[:, :2], 1, 2)
         return WhirlModes(speed, eigenvalue + 0j, shares, self._spin, np.swapaxes(shape[:, :2], 1, 2) + 0j)
+
+    def least_damping_ratio(self, speed_rpm: Float[np.ndarray, "speed"]) -> Float[np.ndarray, "speed"] | None:
+        """Of all modes at every speed, negative where one grows; none as above."""
+        found = self.matrices(speed_rpm)
+        if found is None:
+            return None
+        eigenvalue = np.linalg.eigvals(found.state_matrix)
+        return np.min(-np.real(eigenvalue) / np.maximum(np.abs(eigenvalue), 1e-300), axis=1)
 
     def unbalance_response(self, speed_rpm: Float[np.ndarray, "speed"]) -> Complex[np.ndarray, "speed dof"] | None:
         """Motion of the disk under a unit unbalance, over Ω² [1/kg]; none as above."""

@@ -1,6 +1,7 @@
 """The answer of an explanation in sentences: what is missing, how far the error falls, what is left, what ties."""
 
 from rotorjax.data.declarations import Mistake, amplitude_changes
+from rotorjax.discovery.bootstrap import UNEXPLAINED
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.search import DETECTED, none_left
 from rotorjax.inference.noise import NO_SCATTER
@@ -215,8 +216,9 @@ def left_line(found: Explanation) -> str:
         )
     sign = "<=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else "="
     scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
-    judged = "is more than" if found.verdict == "unexplained" else "is what"
-    allow = "" if found.verdict == "unexplained" else " allow" if scatter else " allows"
+    more = p.value <= UNEXPLAINED
+    judged = "is more than" if more else "is what"
+    allow = "" if more else " allow" if scatter else " allows"
     drawn = f"p {sign} {number(p.value, 2)} from {p.draws} simulated measurements"
     return f"What is left {judged} the noise{scatter}{allow} ({drawn})."
 
