@@ -43,7 +43,7 @@ from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, Start, best_of, descend, starts_at
 from rotorjax.inference.linearised import Linearisation
-from rotorjax.inference.manner import QUICK, THOROUGH, Manner, Tolerance
+from rotorjax.inference.manner import QUICK, THOROUGH, Manner
 from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -411,7 +411,7 @@ def total(rows: list[dict | None]) -> list[str]:
 
 def steering() -> list[str]:
     """The numbers that steer a fit: constants of the optimiser's modules, and what its two manners are made of."""
-    found = [f"{name}.{part}" for name in ("FINE", "COARSE") for part in Tolerance._fields]
+    found = []
     for module in OPTIMISER:
         imported = importlib.import_module(f"rotorjax.inference.{module}")
         for node in ast.walk(ast.parse(inspect.getsource(imported))):

@@ -7,16 +7,11 @@ from rotorjax.discovery.fit import Fit, summarise
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.inferred_noise import Round, Stage
 from rotorjax.discovery.race import race
-from rotorjax.discovery.search import (
-    Selection,
-)
+from rotorjax.discovery.search import Selection
 from rotorjax.inference.descent import Start, best_of, descend
-from rotorjax.inference.manner import QUICK, Tolerance
+from rotorjax.inference.manner import THOROUGH
 from rotorjax.inference.noise import NO_SCATTER, Noise
 from rotorjax.model.model import Model
-
-POLISHED = QUICK._replace(tolerance=Tolerance(1e-3, 1e-6))
-"""How estimates are made: a thousandth of a log unit is a twentieth of a standard error."""
 
 
 def fits_of_steps(contest: Contest, model: Model, selection: Selection, held: HeldOut) -> tuple[Fit, ...]:
@@ -68,7 +63,7 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *,
                 every,
                 budget=contest.budget,
                 kept=again.best.point,
-                manner=POLISHED,
+                manner=THOROUGH,
             )
         )
         return Round(noise.allowance, data, best, starts, noise.allowance, best.cost)

@@ -28,10 +28,6 @@ from rotorjax.inference.space import Space
 
 HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
-DISTINCT = 3.0
-"""Posterior standard deviations apart from which two optima count as two."""
-DETERMINED = 1.5
-"""Curvature of the data, in units of the prior's, from which they determine a direction."""
 
 
 class Local(NamedTuple):
@@ -72,10 +68,10 @@ class End(NamedTuple):
 
     @property
     def determined(self) -> Float[np.ndarray, "free determined"]:
-        """Directions that the data determine beyond the prior, orthonormal in units of its width there."""
+        """Directions that the data determine more than the prior does, orthonormal in units of its width there."""
         width = self.prior_width[self.free]
         curvatures, directions = np.linalg.eigh(width[:, None] * self.data_curvature * width)
-        return directions[:, curvatures > DETERMINED]
+        return directions[:, curvatures > 1.0]
 
     @property
     def data_cost(self) -> float:
@@ -134,8 +130,8 @@ def descend(  # noqa: PLR0913
     Unknowns that are not free stay at ``kept``, by default where the model has them. ``shift`` is added to the residual
     of each; without it, descents of the same unknowns on the same cases compete. Once the ``budget`` is spent each
     start is linearised once and left at that. A trial whose numbers overflow is not taken. Where no descent of a fit
-    comes to motions that balance, the lowest begins again: with motions as measured if they were known, then at the
-    best strength of a scan (`rotorjax.inference.scan`). ``hopeless``: cost with which a descent does not go on.
+    comes to motions that balance, the lowest begins again at the best strength of a scan (`rotorjax.inference.scan`).
+    ``hopeless``: cost with which a descent does not go on.
     **Returns** one `End` per start.
     """
     lin = Linearisation(space, data, budget)
@@ -151,13 +147,12 @@ def descend(  # noqa: PLR0913
         lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless
     )
     if shift is None and manner.again:
-        for begin in (_as_measured, _scanned):
-            lost = _lost(running)
-            if budget.exhausted:
-                for k in lost:
-                    running[k].result = CUT_OFF
-                break
-            anew = {k: start for k in lost if (start := begin(running[k])) is not None}
+        lost = _lost(running)
+        if budget.exhausted:
+            for k in lost:
+                running[k].result = CUT_OFF
+        else:
+            anew = {k: start for k in lost if (start := _scanned(running[k])) is not None}
             for k, one in zip(
                 anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], manner, hopeless), strict=True
             ):
@@ -168,7 +163,8 @@ def descend(  # noqa: PLR0913
 def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Manner, hopeless: float) -> list[Descent]:
     """All descents to their ends, or until the budget is spent."""
     coupled = [lin.coupled(start.point, task.free) for start, task in zip(starts, tasks, strict=True)]
-    known = [start.motions is not None for start in starts]
+    # Motions with those at slow roll, or without, are of another reading of the table.
+    known = [start.motions is not None and len(start.motions) == len(lin.states.speed) for start in starts]
     fresh = first_motions(
         lin, [start.point for start, orders, near in zip(starts, coupled, known, strict=True) if orders and not near]
     )
@@ -199,11 +195,6 @@ def _lost(running: list[Descent]) -> list[int]:
         if not any(running[k].settled or running[k].result == LEFT_BEHIND for k in own):
             lost.append(min(own, key=lambda k: running[k].cost))
     return lost
-
-
-def _as_measured(one: Descent) -> Start | None:
-    """Where a descent ended, with motions as measured, if it began with known ones: those may have led it astray."""
-    return Start(one.here.point.unknowns) if one.known and one.here is not None else None
 
 
 def _scanned(one: Descent) -> Start | None:
@@ -306,13 +297,13 @@ def _end_of(one: Descent) -> End:
 
 
 def distinct_of(ends: Sequence[End]) -> list[End]:
-    """Optima further apart than `DISTINCT`, the lowest first: of descents whose motions balance."""
+    """Optima further apart than a posterior standard deviation, the lowest first: of descents whose motions balance."""
     found: list[End] = []
     for end in sorted(ends, key=lambda end: end.cost):
         if not math.isfinite(end.cost) or not end.exact:
             continue
         gaps = [(end.point - other.point)[end.free] for other in found]
-        if all(gap @ end.curvature @ gap > DISTINCT**2 for gap in gaps):
+        if all(gap @ end.curvature @ gap > 1.0 for gap in gaps):
             found.append(end)
     return found
 

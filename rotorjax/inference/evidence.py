@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rotorjax.inference.curvature import log_determinant, solved
-from rotorjax.inference.descent import DETERMINED, End
+from rotorjax.inference.descent import End
 from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.prior import prior_at, together
 from rotorjax.inference.space import Space
@@ -115,7 +115,7 @@ def _forms(
         shares = np.array([[direction.get(label, 0.0) for direction in form] for label in labels])
         basis, _ = np.linalg.qr(shares)
         along = basis @ basis.T
-        if np.trace(basis.T @ told @ basis) < DETERMINED:
+        if np.trace(basis.T @ told @ basis) < 1.0:
             continue
         taking_part = np.count_nonzero(np.any(shares != 0.0, axis=1))
         found.append(np.sqrt(taking_part / len(form)) * along + ACROSS * (np.eye(len(labels)) - along))

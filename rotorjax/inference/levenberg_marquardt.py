@@ -47,6 +47,7 @@ class Descent:
         self.coupled = self.trial.motions is not None
         self.freedom = 0.0 if self.known or not self.coupled else self.manner.first_freedom * self._reach()
         self.trial = self.trial._replace(yielding=self.freedom > 0.0)
+        self.of_noise = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
         self.parts = together(np.asarray(self.lin.space.open_size)[self.task.free])
@@ -173,7 +174,7 @@ class Descent:
 
     def _limit(self) -> float:
         """Change of the cost that counts as none."""
-        return float(self.manner.tolerance.absolute + self.manner.tolerance.relative * self.cost)
+        return float(self.manner.tolerance * (self.cost + self.of_noise))
 
     def _firmer(self) -> None:
         """Less freedom of the motions, and the cost as it is then."""
@@ -181,14 +182,13 @@ class Descent:
             return
         assert self.here.freedom.own is not None
         size = float(np.max(np.linalg.norm(self.here.freedom.own.reach, axis=2)[self.task.training], initial=0.0))
-        enough = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         while self.freedom > 0.0:
             self.freedom *= self.manner.firmer
             self.freedom = 0.0 if self.freedom * size < BALANCED else self.freedom
             self.normal = Normal(self.lin, self.here, self.task, self.freedom)
             self.cost = self.normal.cost + self.prior.cost
             # More than enough freedom explains anything, and leaves the parameters to their prior.
-            if self.normal.cost > enough:
+            if self.normal.cost > self.of_noise:
                 break
 
     def _arrived(self) -> None:

@@ -18,21 +18,16 @@ RESULT_TEXT = {
 """What each result code of a fit means and what to do next."""
 
 
-class Tolerance(NamedTuple):
-    """Fall of the cost below which a descent is at its end: absolute, and relative to the cost."""
-
-    absolute: float
-    relative: float
-
-
-FINE, COARSE = Tolerance(1e-6, 1e-6), Tolerance(1e-2, 1e-4)
-"""For estimates; and for ranking, where a hundredth of a log unit decides nothing."""
+FINE = 1e-6
+"""Fall of the cost below which a descent is at its end, over the cost and what noise alone leaves: for estimates."""
+COARSE = 1e-4
+"""The same for ranking, where a hundredth of a log unit decides nothing."""
 
 
 class Manner(NamedTuple):
     """How exactly a descent ends, and how it goes there."""
 
-    tolerance: Tolerance
+    tolerance: float
     most_steps: int = 60
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
