@@ -59,10 +59,10 @@ class ForceBalance:
         self._coefficients = 2 * len(grid.orders) - 1
         self._balance = compiled(_balance, nameless(blind), full, CHUNK)
 
-    def make_ahead(self, conditions: Conditions) -> None:
-        """Make its program in the background, for conditions like these."""
+    def make(self, conditions: Conditions) -> None:
+        """Make its program, for conditions like these."""
         each = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
-        self._balance.make_ahead(self.values[None], *each, np.zeros((1, DOF, self._coefficients)))
+        self._balance.make(self.values[None], *each, np.zeros((1, DOF, self._coefficients)))
 
     def at(
         self,

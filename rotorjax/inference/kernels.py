@@ -119,8 +119,8 @@ class Kernels:
         """Whether the program for nonlinear forces was called before."""
         return self._balanced.program.warm
 
-    def make_ahead(self, conditions: Conditions, *, swept: bool = True) -> None:
-        """Make the programs in the background, in the order in which a search needs them, for conditions like these.
+    def makers(self, conditions: Conditions, *, swept: bool = True) -> list[Callable[[], None]]:
+        """What makes each program, in the order in which a search needs them, for conditions like these.
         **Arguments:** ``swept``: the one for what a sweep adds, too.
         """
         rows = Rows(
@@ -131,12 +131,13 @@ class Kernels:
                 for values in (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
             ),
         )
-        self._linear.make_ahead(*rows.steady)
-        if swept:
-            self._swept.make_ahead(*rows)
         steady = self._filled(rows).steady
-        self._balanced.make_ahead(*steady, np.zeros((1, self.dof, self.coefficients)))
-        self._refined.make_ahead(*steady, np.zeros((1, self.dof, self.wide)))
+        return [
+            lambda: self._linear.make(*rows.steady),
+            *([lambda: self._swept.make(*rows)] if swept else []),
+            lambda: self._balanced.make(*steady, np.zeros((1, self.dof, self.coefficients))),
+            lambda: self._refined.make(*steady, np.zeros((1, self.dof, self.wide))),
+        ]
 
     @property
     def coefficients(self) -> int:

@@ -61,9 +61,9 @@ class LinearRotor:
         )
         self._rate = sum(float(e.added_sweep()) for e in model.effects if isinstance(e, SweepEffect))
 
-    def make_ahead(self, conditions: Conditions) -> None:
-        """Make its program in the background, for conditions like these."""
-        self._rotor.make_ahead(*(np.asarray(v) for v in (conditions.speed, conditions.unbalance, conditions.bow)))
+    def make(self, conditions: Conditions) -> None:
+        """Make its program, for conditions like these."""
+        self._rotor.make(*(np.asarray(v) for v in (conditions.speed, conditions.unbalance, conditions.bow)))
 
     def sight(self, conditions: Conditions) -> Sight:
         """How the probes see the disk at each of these conditions."""

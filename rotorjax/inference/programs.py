@@ -133,10 +133,10 @@ class Compiled(NamedTuple):
         parts += side_by_side(chunk, firsts) if firsts else []
         return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
 
-    def make_ahead(self, *rows: np.ndarray) -> None:
-        """Trace and compile it in the background, if that was not done. **Arguments:** ``rows`` like those to come."""
+    def make(self, *rows: np.ndarray) -> None:
+        """Trace and compile it, if that was not done. **Arguments:** ``rows`` like those to come."""
         index = np.zeros(self.size, int)
-        in_background(lambda: self.program(self.leaves, *(values[index] for values in rows)))
+        self.program(self.leaves, *(values[index] for values in rows))
 
 
 def compiled(

@@ -86,9 +86,9 @@ class RotorInTime:
         self._spin = int(model.rotor.spin)
         self._at = compiled(_matrices, nameless(full), full, LINEAR_CHUNK)
 
-    def make_ahead(self) -> None:
-        """Make its program in the background."""
-        self._at.make_ahead(np.ones(1))
+    def make(self) -> None:
+        """Make its program."""
+        self._at.make(np.ones(1))
 
     def matrices(self, speed_rpm: Float[np.ndarray, "speed"]) -> _InTime | None:
         """Of every speed; none where an effect depends on frequency as no spring, damper or mass does, or leaves no

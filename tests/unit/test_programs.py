@@ -7,10 +7,10 @@ import pytest
 from rotorjax import effects
 from rotorjax.discovery.fit import Trial, fit_trials
 from rotorjax.effects.terms import TERMS
-from rotorjax.inference.ahead import make_programs_of_terms_ahead
+from rotorjax.inference import ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.kernels import Kernels
-from rotorjax.inference.programs import Compiled, Program
+from rotorjax.inference.programs import Compiled, Program, in_background
 
 import hidden
 
@@ -33,7 +33,7 @@ def test_what_is_made_ahead_is_not_made_again(fails_first):
     """And what could not be made in the background is made where it is needed."""
     traced = []
     program = doubling(traced, fails_first=fails_first)
-    program.make_ahead(np.ones(1))
+    in_background(lambda: program.make(np.ones(1)))
     while not traced:
         pass
     (twice,) = program(np.arange(6.0))
@@ -43,13 +43,14 @@ def test_what_is_made_ahead_is_not_made_again(fails_first):
 
 def test_fits_of_terms_need_no_programs_but_those_made_ahead(monkeypatch):
     model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
-    ahead, needed = set(), set()
+    made, needed = set(), set()
     monkeypatch.setattr(Kernels, "warm", False)
-    monkeypatch.setattr(Compiled, "make_ahead", lambda self, *rows: ahead.add(self.program))
-    make_programs_of_terms_ahead(model, measurement)
+    monkeypatch.setattr(Compiled, "make", lambda self, *rows: made.add(self.program))
+    monkeypatch.setattr(ahead, "in_background", lambda job: job())
+    ahead.make_programs_of_terms_ahead(model, measurement)
     whole = Compiled.__call__
     monkeypatch.setattr(Compiled, "__call__", lambda self, *rows: needed.add(self.program) or whole(self, *rows))
     cubic = model.plus([TERMS["term_cubic_x"]()])
     fit_trials([Trial(cubic, ("term_cubic_x",), near=False)], measurement, Budget())
     assert needed
-    assert needed <= ahead
+    assert needed <= made
