@@ -270,7 +270,8 @@ def _outside_the_catalogue(
         if measured and stages.go("the force that is missing"):
             return name_force(first, last, selection.effects, catalog), verdict
         return None, verdict
-    if not selection.effects or not stages.go("whether a force outside the catalogue would do as well"):
+    known = selection.contest.measurement.sigma is not None
+    if (not selection.effects and known) or not stages.go("whether a force outside the catalogue would do as well"):
         return None, verdict
     named = other_force(first, last, selection.effects, doubtful=bool(last.objections(selection.effects)))
     named = named or other_power(first, last, selection.effects)

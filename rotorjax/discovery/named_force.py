@@ -106,17 +106,17 @@ def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtfu
 
     In the place of several effects fewer terms; in the place of one a single term that does much better: a nonlinear
     one only where something is left beside the answer that a term would take away, or where the answer is ``doubtful``
-    by itself. None where the noise is unknown.
+    by itself. Where the noise is unknown also in the place of none, and whatever is left.
     **Arguments:** as for `name_force`.
     """
-    alone = len(effects) == 1
-    if declared.stage.measurement.sigma is None:
-        return None
+    alone, unknown = len(effects) <= 1, declared.stage.measurement.sigma is None
     terms = TERMS if not alone else FIXED if doubtful or _likely(answer, {}, 1, FIXED)[1] else LINEAR
     ahead = Ahead(first_cost=answer.end.cost, holds=True) if answer.misfit == 0.0 else Ahead()
     found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead, terms=terms)
     better = _score(answer) - (LEAST_GAIN if alone else 0.0)
-    return found.validated() if found.enough and found.fit is not None and _score(found.fit) < better else None
+    if found.fit is None or not (found.enough or unknown):
+        return None
+    return found.validated() if _score(found.fit) < better else None
 
 
 def other_power(declared: Fit, answer: Fit, effects: tuple[str, ...]) -> NamedForce | None:

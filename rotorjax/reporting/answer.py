@@ -92,7 +92,9 @@ HARDLY_MOVES = (
 
 def _undecided(found: Explanation) -> str:
     groups = found.tied_groups()
-    others = ["others do as well"] if any(first for first, *_ in groups) or found.named_force is not None else []
+    others = ["others do as well"] if any(first for first, *_ in groups) else []
+    if not others and found.named_force is not None:
+        others = ["a force outside the catalogue does as well"]
     within = ["more may be missing within the tolerance of the model's form"] if not all(g[0] for g in groups) else []
     fails = [] if found.confirmed else ["the error does not fall on readings left out of the fit"]
     limit = ["the search limit was reached before all was tried"] if found.cost.exhausted else []

@@ -318,11 +318,18 @@ def late(stiffness: float, delay: float) -> Measurement:
     return Measurement.from_arrays(z, conditions, run=run, runs=tuple(WEIGHTS), orders=(1.0,), sigma=SIGMA)
 
 
-@pytest.mark.parametrize(("stiffness", "periods"), [(900.0, 1.6), (-900.0, 0.7)])
-def test_a_force_that_follows_the_displacement_late(stiffness, periods):
-    """Named with its delay, not called a foundation or damping, which come near; either sign."""
+@pytest.mark.parametrize(
+    ("stiffness", "periods", "noise"), [(900.0, 1.6, "given"), (-900.0, 0.7, "given"), (200.0, 1.6, "unknown")]
+)
+def test_a_force_that_follows_the_displacement_late(stiffness, periods, noise):
+    """Named with its delay, not called a foundation or damping, which come near; either sign, and where the noise is
+    unknown, too.
+    """
     delay = periods * 2.0 * np.pi / MACHINE.frequency
-    found = explain(MODEL, late(stiffness, delay), mistakes=False)
+    measurement = late(stiffness, delay)
+    if noise == "unknown":
+        measurement = dataclasses.replace(measurement, sigma=None, noise=noise)
+    found = explain(MODEL, measurement, mistakes=False)
     assert found.verdict in {"undecided", "unexplained"}
     assert [t.term for t in found.named_force.terms] == ["term_delayed_force"]
     values = {e.entry.label: e.value for e in found.named_force.fit.estimates if e.entry.effect == "term_delayed_force"}
