@@ -175,7 +175,7 @@ def _answer(
         last = fit_of(contest, model, selection, selection.present, selection.races[-1].noise, (None, ""))
     verdict = _verdict(selection, ties, p, last, contest, story)
     contest.budget.release()
-    named, verdict = _outside_the_catalogue(verdict, fits, selection, catalog, stages)
+    named, verdict = _outside_the_catalogue(verdict, story, selection, catalog, stages)
     if verdict != "unexplained" and (stages.untried or written.tied):
         verdict = "undecided"
     if verdict == "nothing missing" and written.best.mistake is not None:
@@ -258,18 +258,20 @@ def _proposal(selection: Selection, ties: Ties, noise: Noise) -> Proposal | None
 
 def _outside_the_catalogue(
     verdict: Verdict,
-    fits: tuple[Fit, ...],
+    story: Story,
     selection: Selection,
     catalog: Mapping[str, type[Effect]],
     stages: "_Stages",
 ) -> tuple[NamedForce | None, Verdict]:
-    """The force that is missing where nothing explains, or one that does as well: then it is undecided."""
-    first, last = fits[0], fits[-1]
-    if verdict == "unexplained":
-        measured = selection.contest.measurement.rms > 0.0
-        if measured and stages.go("the force that is missing"):
-            return name_force(first, last, selection.effects, catalog), verdict
+    """The force that is missing where nothing explains, or one that does as well: then it is undecided. None where no
+    more than noise was measured.
+    """
+    first, last = story.fits[0], story.fits[-1]
+    if story.hardly_moves:
         return None, verdict
+    if verdict == "unexplained":
+        asked = stages.go("the force that is missing")
+        return name_force(first, last, selection.effects, catalog) if asked else None, verdict
     known = selection.contest.measurement.sigma is not None
     if (not selection.effects and known) or not stages.go("whether a force outside the catalogue would do as well"):
         return None, verdict
