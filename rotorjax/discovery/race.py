@@ -16,7 +16,7 @@ from rotorjax.inference.influence import CLEAR, influenced
 from rotorjax.inference.manner import CONVERGED, CUT_OFF, LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
 from rotorjax.inference.squares import squares_of
-from rotorjax.inference.stable import log_probability_stable
+from rotorjax.inference.stable import cost_of_stability
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
@@ -192,8 +192,7 @@ def contender_of(
         return Contender(effects, (best_of(ends),), -math.inf, noise)
     counted = [distinct[0], *(end for end in distinct[1:] if end.result == CONVERGED)]
     terms = [
-        log_evidence(end, contest.space, log_of, wide=wide)
-        + log_probability_stable(end, contest.space, contest.steady_rpm)
+        log_evidence(end, contest.space, log_of, wide=wide) - cost_of_stability(end, contest.space, contest.steady_rpm)
         for end in counted
     ]
     return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
@@ -244,7 +243,7 @@ def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: b
     every = np.ones(len(error), bool)
     cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
     prior = float(log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost)
-    prior += log_probability_stable(end, contest.space, contest.steady_rpm)
+    prior -= cost_of_stability(end, contest.space, contest.steady_rpm)
     return Scored(
         float(-(cost + normalised * logarithm)),
         float(share_counted(contest, noise)),

@@ -23,12 +23,12 @@ def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force
     kernels, model = kernels_of(space), space.model
     if kernels.warm:
         return
-    for maker in kernels.makers(measurement.conditions):
+    first, *others = kernels.makers(measurement.conditions)
+    for maker in (first, RotorInTime(model).make, *others):
         in_background(maker)
     in_background(lambda: LinearRotor(model).make(measurement.conditions))
     if missing_force:
         in_background(lambda: ForceBalance(model).make(measurement.conditions))
-    in_background(lambda: RotorInTime(model).make())
 
 
 def make_programs_of_terms_ahead(model: Model, measurement: Measurement) -> None:

@@ -1,15 +1,12 @@
-"""How probable it is that the rotor is stable where it was measured: nobody measures a steady state in which a rotor
-does not stay.
+"""What it costs a fit to be stable where it was measured: nobody measures a steady state in which a rotor does not
+stay.
 
-By the posterior about an optimum, normal to first order: with d the least damping ratio of all modes at all speeds
-measured, g its gradient and H the curvature of the cost, it is Φ(d / √(gᵀ H⁻¹ g)).
+With d the least damping ratio of all modes at all speeds measured, g its gradient and H the curvature of the cost, the
+nearest values with which the rotor is stable cost ½ d² / (gᵀ H⁻¹ g) more than the optimum, to first order, where d < 0.
 """
-
-import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import log_ndtr
 
 from rotorjax.inference.curvature import inverse
 from rotorjax.inference.descent import End
@@ -20,37 +17,36 @@ from rotorjax.physics.stability import SELF_EXCITING
 
 DIFFERENCE = 1e-3
 """Of an unknown in its standard deviation, for the gradient of a damping ratio."""
-HARDLY = 0.05
-"""Probability of a stable rotor below which an answer speaks against itself."""
+CLEARLY = 2.0
+"""Cost of stability from which on a rotor is unstable for sure: two standard errors."""
 
 
-def log_probability_stable(end: End, space: Space, speed_rpm: Float[np.ndarray, "speed"]) -> float:
-    """Its logarithm; zero without an effect of the linear rotor that may make it unstable, beside forces that
-    depend on motion or a sweep, and where an effect depends on frequency as no spring or damper does.
+def cost_of_stability(end: End, space: Space, speed_rpm: Float[np.ndarray, "speed"]) -> float:
+    """It is zero without an effect of the linear rotor that may make it unstable, beside forces that depend on motion
+    or a sweep, and where an effect depends on frequency as no spring or damper does.
 
     **Arguments:** ``speed_rpm``: speeds at which a steady state was measured.
     """
     if not len(speed_rpm) or not space.is_linear_at(end.point) or not _may_grow(end, space):
         return 0.0
     ratio = _damping_ratios(space, end.point, speed_rpm)
-    if ratio is None:
+    if ratio is None or np.min(ratio) >= 0.0:
         return 0.0
-    worst, here = speed_rpm[[np.argmin(ratio)]], float(np.min(ratio))
+    worst, here = speed_rpm[[np.argmin(ratio)]], np.min(ratio)
     covariance = inverse(end.curvature)
     gradient = np.zeros(len(end.free))
     for k in np.flatnonzero(space.of_kind(MatrixEffect | SupportEffect | SpeedEffect)[end.free]):
-        step = DIFFERENCE * math.sqrt(covariance[k, k])
+        step = DIFFERENCE * np.sqrt(covariance[k, k])
         there = end.point.copy()
         there[end.free[k]] += step
         moved = _damping_ratios(space, there, worst)
         gradient[k] = 0.0 if moved is None else (moved[0] - here) / step
-    deviation = math.sqrt(gradient @ covariance @ gradient)
-    return float(log_ndtr(here / max(deviation, np.finfo(float).tiny)))
+    return float(0.5 * here**2 / max(gradient @ covariance @ gradient, np.finfo(float).tiny))
 
 
 def unstable_speeds(end: End, space: Space, speed_rpm: Float[np.ndarray, "speed"]) -> int:
-    """Number of the speeds at which the rotor is unstable, if it hardly can be stable at all of them."""
-    if log_probability_stable(end, space, speed_rpm) > math.log(HARDLY):
+    """Number of the speeds at which the rotor is unstable, if it is so for sure."""
+    if cost_of_stability(end, space, speed_rpm) <= CLEARLY:
         return 0
     ratio = _damping_ratios(space, end.point, speed_rpm)
     return 0 if ratio is None else int(np.count_nonzero(ratio < 0.0))
