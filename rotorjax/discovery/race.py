@@ -181,7 +181,7 @@ def contender_of(
     """Distinct optima, and the evidence summed over them: of descents whose motions balance, if there is one, else
     none.
 
-    Beside the lowest only those count that are at their end: of one given up on the way nobody knows where it leads.
+    Beside the lowest only those are kept that are at their end: of one given up on the way nobody knows where it leads.
 
     See `rotorjax.inference.evidence`, for ``wide`` too. Where the noise is a misfit of unknown size it is marginalised
     (Jeffreys prior): (n/2) log(2 cost / n) in the place of the cost, n the number of independent data.
@@ -195,7 +195,7 @@ def contender_of(
         log_evidence(end, contest.space, log_of, wide=wide) - cost_of_stability(end, contest.space, contest.steady_rpm)
         for end in counted
     ]
-    return Contender(effects, tuple(distinct), float(np.logaddexp.reduce(terms)), noise)
+    return Contender(effects, tuple(counted), float(np.logaddexp.reduce(terms)), noise)
 
 
 def share_counted(contest: Contest, noise: Noise) -> float:
