@@ -159,6 +159,7 @@ class Crack(RestoringEffect):
         "Mayes, Davies 1984, J. Vib. Acoust. Stress Reliab. 106(1):139-145; Gasch 1993, J. Sound Vib. 160(2):313-332"
     )
     relatives: ClassVar[tuple[str, ...]] = ("asymmetric_shaft", "residual_bow", "misalignment")
+    in_proportion: ClassVar[bool] = True
     sufficient: ClassVar[Plan] = ONCE_AND_TWICE
     loss_x_n_per_m: Array = parameter(
         "loss of stiffness Δk times the cosine of the crack's angle", scale=0.05, of="stiffness"
@@ -195,6 +196,7 @@ class AsymmetricShaft(RestoringEffect):
     )
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3"
     relatives: ClassVar[tuple[str, ...]] = ("crack", "misalignment")
+    in_proportion: ClassVar[bool] = True
     sufficient: ClassVar[Plan] = ONCE_AND_TWICE
     difference_x_n_per_m: Array = parameter("half difference Δk times cos 2β", scale=0.02, of="stiffness")
     difference_y_n_per_m: Array = parameter("half difference Δk times sin 2β", scale=0.02, of="stiffness")

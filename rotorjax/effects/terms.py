@@ -225,6 +225,7 @@ class TurningStiffness(AxisForce, RestoringEffect):
         "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.3; Nayfeh, Mook 1979, section 5.1"
     )
     relatives: ClassVar[tuple[str, ...]] = ("asymmetric_shaft", "crack")
+    in_proportion: ClassVar[bool] = True
     sufficient: ClassVar[Plan] = TWICE
     cosine_n_per_m: Array = parameter("amplitude of the stiffness in phase with cos 2φ", scale=0.02, of="stiffness")
     sine_n_per_m: Array = parameter("amplitude in phase with sin 2φ", scale=0.02, of="stiffness")

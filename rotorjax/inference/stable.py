@@ -10,9 +10,10 @@ from jaxtyping import Float
 
 from rotorjax.inference.curvature import inverse
 from rotorjax.inference.descent import End
+from rotorjax.inference.evidence import SEEN
 from rotorjax.inference.space import Space
 from rotorjax.inference.whirl_modes import RotorInTime
-from rotorjax.model.contract import MatrixEffect, SpeedEffect, SupportEffect
+from rotorjax.model.contract import MatrixEffect, RestoringEffect, SpeedEffect, SupportEffect, SweepEffect
 from rotorjax.physics.stability import SELF_EXCITING
 
 DIFFERENCE = 1e-3
@@ -22,12 +23,12 @@ CLEARLY = 2.0
 
 
 def cost_of_stability(end: End, space: Space, speed_rpm: Float[np.ndarray, "speed"]) -> float:
-    """It is zero without an effect of the linear rotor that may make it unstable, beside forces that depend on motion
-    or a sweep, and where an effect depends on frequency as no spring or damper does.
+    """It is zero without an effect of the linear rotor that may make it unstable, beside a nonlinear force or a sweep
+    that shows, and where an effect depends on frequency as no spring or damper does.
 
     **Arguments:** ``speed_rpm``: speeds at which a steady state was measured.
     """
-    if not len(speed_rpm) or not space.is_linear_at(end.point) or not _may_grow(end, space):
+    if not len(speed_rpm) or not _may_grow(end, space) or _held(end, space):
         return 0.0
     ratio = _damping_ratios(space, end.point, speed_rpm)
     if ratio is None or np.min(ratio) >= 0.0:
@@ -53,10 +54,25 @@ def unstable_speeds(end: End, space: Space, speed_rpm: Float[np.ndarray, "speed"
 
 
 def _may_grow(end: End, space: Space) -> bool:
-    """Whether an effect that may make the rotor unstable is there, and no sweep."""
+    """Whether an effect that may make the rotor unstable is there."""
     values = space.values(end.point)
-    there = {entry.effect for value, entry in zip(values, space.entries, strict=True) if value != 0.0}
-    return not there.isdisjoint(SELF_EXCITING) and not np.any(space.sweeping() & (end.point != 0.0))
+    return any(v != 0.0 and entry.effect in SELF_EXCITING for v, entry in zip(values, space.entries, strict=True))
+
+
+def _held(end: End, space: Space) -> bool:
+    """Whether a nonlinear force may hold the rotor, or a sweep is through before it grows: one that changes what is
+    read by as much as could be seen. One that does nothing does not.
+    """
+    turning = {e.name for e in space.model.effects if isinstance(e, RestoringEffect) and e.in_proportion}
+    forces = space.of_kind(RestoringEffect | SweepEffect) & ~space.only_of(turning)
+    kept = np.ones(len(end.point), bool)
+    kept[end.free] = False
+    given = np.zeros(len(end.point), bool)
+    given[np.asarray(space.unknown)[np.asarray(space.centre) != 0.0]] = True
+    if np.any(forces & (given | (kept & (end.point != 0.0)))):
+        return True
+    own = forces[end.free]
+    return bool(np.linalg.norm(end.local.slopes[..., own] @ end.point[end.free][own]) >= SEEN)
 
 
 def _damping_ratios(

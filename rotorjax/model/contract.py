@@ -309,6 +309,11 @@ class Instant(NamedTuple):
 class RestoringEffect(Effect):
     """A nonlinear force, or a stiffness that turns with the shaft: the response then comes from harmonic balance."""
 
+    in_proportion: ClassVar[bool] = False
+    """Whether the force is in proportion to the motion, as that of a stiffness that turns with the shaft: it does not
+    grow with the motion so as to hold a rotor that is unstable.
+    """
+
     @abc.abstractmethod
     def force(self, instant: Instant) -> Float[Array, "dof"]:
         """Force that resists [N]: it stands beside K q on the left-hand side of the equation of motion."""
