@@ -18,7 +18,7 @@ RESULT_TEXT = {
 """What each result code of a fit means and what to do next."""
 
 
-FINE = 1e-7
+FINE = 1e-6
 """Fall of the cost below which a descent is at its end, over the cost and what noise alone leaves: for estimates."""
 COARSE = 1e-4
 """The same for ranking, where a hundredth of a log unit decides nothing."""
