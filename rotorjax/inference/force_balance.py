@@ -1,36 +1,20 @@
-"""The balance of forces of a rotor along given motions, at many values of all that may act on it.
-
-One program serves every model, measurement and number of terms: its shape depends on the orders that are balanced and
-on the number of planes.
-"""
+"""The balance of forces of a rotor along given motions, at many values of all that may act on it."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Float, Int
 
+from rotorjax.arrays import as_array
+from rotorjax.data.measurement import Knowledge
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
-from rotorjax.inference.kernels import add_dynamic, as_coefficients
-from rotorjax.inference.programs import MOST_ROWS, compiled, nameless
-from rotorjax.inference.space import labels_of, values_of
-from rotorjax.model.conditions import Conditions, Probes
-from rotorjax.model.contract import ReadingEffect, WaveformEffect
+from rotorjax.inference.kernels import Kernels, Rows
+from rotorjax.inference.programs import MOST_ROWS
+from rotorjax.inference.space import make_space, values_of
+from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
-from rotorjax.physics.assembly import true_speed
-from rotorjax.physics.harmonic_balance import grid_of, make_grid
-from rotorjax.physics.planar import DOF, Matrix, Vector
-from rotorjax.physics.restoring_forces import Inputs, force_slopes, parameters_of
-from rotorjax.physics.steady_state import Ready, by_order
-
-CHUNK = 16
-"""Rows evaluated together: a force that is at its null in all of them is passed over."""
 
 
 class Balances(NamedTuple):
@@ -41,28 +25,22 @@ class Balances(NamedTuple):
 
 
 class ForceBalance:
-    """All forces of the catalogue and all terms, with those of a model; what only changes the reading is left out."""
+    """All forces of the catalogue and all terms, with those of a model."""
 
     def __init__(self, model: Model) -> None:
-        grid = grid_of(model)
-        own = [e for e in model.effects if not isinstance(e, ReadingEffect | WaveformEffect)]
-        classes = [cls for cls in (CATALOG | TERMS).values() if not issubclass(cls, ReadingEffect | WaveformEffect)]
-        bare = dataclasses.replace(model, effects=tuple(own), slow_roll=None)
-        full = bare.with_orders(grid.orders).in_company(classes)
-        self.index = {label: k for k, label in enumerate(labels_of(full))}
+        full = dataclasses.replace(model, slow_roll=None).in_company((CATALOG | TERMS).values())
+        space = make_space(full, Knowledge())
+        self.index = {(entry.effect, entry.label): k for k, entry in enumerate(space.entries)}
         """Effect and label of every value."""
         self.values = values_of(full)
         """Of the model."""
-        blind = dataclasses.replace(
-            full, probes=Probes(np.zeros(0), np.zeros(0), np.zeros(0)), layout=full.layout._replace(probes=())
-        )
-        self._coefficients = 2 * len(grid.orders) - 1
-        self._balance = compiled(_balance, nameless(blind), full, CHUNK)
+        # Unknowns that are the values themselves.
+        self._kernels = Kernels(dataclasses.replace(space, scale=as_array(np.ones(len(space.entries)))))
 
     def make(self, conditions: Conditions) -> None:
-        """Make its program, for conditions like these."""
-        each = (np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow))
-        self._balance.make(self.values[None], *each, np.zeros((1, DOF, self._coefficients)))
+        """Make its programs, for conditions like these, as far as no fit has made them."""
+        for make in self._kernels.makers(conditions, swept=False, fine=False):
+            make()
 
     def at(
         self,
@@ -85,32 +63,13 @@ class ForceBalance:
         """In the same compiled calls."""
         cases = np.tile(np.arange(len(motion)), len(values))
         each = (np.asarray(leaf)[cases] for leaf in (conditions.speed, conditions.unbalance, conditions.bow))
-        lacking_x, lacking_y, *dynamic, force, by_motion = self._balance(
-            np.repeat(values, len(motion), axis=0), *each, motion[cases]
-        )
-        add_dynamic(by_motion, [dynamic[:2], dynamic[2:]])
-        force = (force + as_coefficients(np.stack([lacking_x, lacking_y], axis=-2)))[..., measured]
+        rows = Rows.without_slopes(np.repeat(values, len(motion), axis=0), *each)
+        found = self._kernels.balanced(rows, motion[cases], swept=False)
+        directions, coefficients = motion.shape[1:]
+        force = found.force.reshape(-1, directions, coefficients)[..., measured]
+        by_motion = found.force_by_motion.reshape(-1, directions, coefficients, directions, coefficients)
         by_motion = by_motion[:, :, measured][..., measured]
-        count = 2 * len(measured)
+        count = directions * len(measured)
         return Balances(
             force.reshape(len(values), len(motion), count), by_motion.reshape(len(values), len(motion), count, count)
         )
-
-
-def _balance(
-    model: Model, values: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
-) -> tuple[Array, ...]:
-    orders, settings = model.layout.orders, model.harmonic_balance
-    grid = make_grid(orders, settings)._replace(orders=orders)
-    _, unravel = ravel_pytree(model.effects)
-
-    def row(values: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Vector, Matrix, Inputs]:
-        at = eqx.tree_at(lambda m: m.effects, model, unravel(values))
-        condition = Conditions(true_speed(at, speed), unbalance, bow)
-        ready = Ready(at, condition, grid, *by_order(at, condition, grid))
-        return ready.lacking(motion), ready.assembled.dynamic, ready.inputs(motion)
-
-    lacking, dynamic, inputs = jax.vmap(row)(values, speed, unbalance, bow, motions)
-    still: Any = jax.tree.map(lambda leaf: jnp.zeros((len(leaf), 0, *leaf.shape[1:]), leaf.dtype), inputs)
-    forces = force_slopes(parameters_of(model)[1], model.rotor, grid, inputs, still)
-    return lacking.x, lacking.y, dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, forces.force, forces.by_motion

@@ -5,36 +5,41 @@ never on the number of cases, runs, starts or free unknowns: each kernel is comp
 finds it in the cache.
 """
 
-import dataclasses
-import itertools
-from collections.abc import Callable
-from typing import ClassVar, NamedTuple, TypeVar
+import functools
+from collections.abc import Callable, Iterable
+from typing import ClassVar, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
+from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
+from rotorjax.inference import linear_kernels
+from rotorjax.inference.coefficients import add_dynamic, answer, as_coefficients
+from rotorjax.inference.force_kernels import BALANCED_CHUNK, Course, Forces
+from rotorjax.inference.parts import Part
+from rotorjax.inference.programs import LINEAR_CHUNK, compiled, in_chunks
 from rotorjax.inference.space import Space, once_for_each
 from rotorjax.model.conditions import Conditions
-from rotorjax.model.model import Model
+from rotorjax.model.contract import (
+    Effect,
+    ExcitationEffect,
+    MatrixEffect,
+    ReadingEffect,
+    RestoringEffect,
+    SpeedEffect,
+    SupportEffect,
+    SweepEffect,
+    WaveformEffect,
+)
 from rotorjax.physics.harmonic_balance import Grid, grid_of
-from rotorjax.physics.planar import DOF, Matrix, Vector
-from rotorjax.physics.probe_reading import Sensed, bends_of, read_rows
-from rotorjax.physics.response import linear_vectors
-from rotorjax.physics.restoring_forces import Inputs, force_slopes, forces_of_rows, parameters_of
-from rotorjax.physics.steady_state import Ready, answer, positions, without_coupling
-from rotorjax.physics.sweep import added_by_sweep
+from rotorjax.physics.planar import DOF
 
-BALANCED_CHUNK = 32
-"""Rows evaluated together: few, as they are costly and the last chunk is filled up."""
 USUAL_ORDERS = (0.0, 1.0, 2.0, 3.0)
 COLUMNS = 12
 """Unknowns by which slopes are taken in one go."""
-Tree = TypeVar("Tree")
 
 
 class Rows(NamedTuple):
@@ -48,6 +53,19 @@ class Rows(NamedTuple):
     bow: Float[np.ndarray, "row dof"]
     sweep: Float[np.ndarray, "row"]
     """Rate of the speed [rad/s²]: what it does is added to what is read, by a program of its own."""
+
+    @classmethod
+    def without_slopes(
+        cls,
+        unknowns: Float[np.ndarray, "row param"],
+        speed: Float[np.ndarray, "row"],
+        unbalance: Float[np.ndarray, "row plane dof"],
+        bow: Float[np.ndarray, "row dof"],
+        sweep: Float[np.ndarray, "row"] | float = 0.0,
+    ) -> "Rows":
+        """With no unknown by which slopes are wanted."""
+        columns = np.full((len(unknowns), COLUMNS), -1)
+        return cls(unknowns, columns, speed, unbalance, bow, np.broadcast_to(sweep, len(unknowns)))
 
     @property
     def steady(self) -> tuple[np.ndarray, ...]:
@@ -98,45 +116,55 @@ class Kernels:
     """Degrees of freedom of a motion; what fits motions takes their number from here."""
 
     def __init__(self, space: Space) -> None:
-        orders = space.model.layout.orders
+        orders, effects = space.model.layout.orders, space.model.effects
         self.grid: Grid = grid_of(space.model)
+        company = _company(effects)
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
-        bare = dataclasses.replace(space, model=nameless(space.model), entries=())
+        self._plain = Part.of(space, [e.name for e in effects if _is_linear(e)], orders, company)
         self._linear, self._swept = (
-            compiled(kernel, bare, space.model, LINEAR_CHUNK, often=True) for kernel in (_linear, _sweep_of_fit)
+            compiled(kernel, self._plain.space, self._plain.space.model, LINEAR_CHUNK, often=True)
+            for kernel in (linear_kernels.linear, linear_kernels.sweep)
         )
         # Column -1 is none.
         self._sweeping = np.append(space.sweeping(), False)
         # Read at the usual orders too: whichever of them were measured, the compiled code is the same.
-        full = bare.with_orders(tuple(sorted({*orders, *USUAL_ORDERS})))
-        self._read = [full.model.layout.orders.index(order) for order in orders]
-        self._more = len(full.centre) - len(bare.centre)
-        self._balanced = compiled(_balanced, full, space.model, BALANCED_CHUNK, often=True)
-        self._refined = compiled(_refined, full, space.model, BALANCED_CHUNK)
+        usual = tuple(sorted({*orders, *USUAL_ORDERS}))
+        self._read = [usual.index(order) for order in orders]
+        self._moving = Part.of(space, [e.name for e in effects if not _is_force_only(e)], usual, company)
+        self._along, self._refined = (
+            compiled(kernel, self._moving.space, self._moving.space.model, BALANCED_CHUNK, often=often)
+            for kernel, often in ((linear_kernels.along, True), (linear_kernels.finer, False))
+        )
+        self._forces = [Forces.of(space, names, usual) for names in _sources(effects)]
 
     @property
     def warm(self) -> bool:
-        """Whether the program for nonlinear forces was called before."""
-        return self._balanced.program.warm
+        """Whether the programs for nonlinear forces were called before."""
+        return self._along.program.warm and all(forces.warm for forces in self._forces)
 
-    def makers(self, conditions: Conditions, *, swept: bool = True) -> list[Callable[[], None]]:
+    def makers(self, conditions: Conditions, *, swept: bool = True, fine: bool = True) -> list[Callable[[], None]]:
         """What makes each program, in the order in which a search needs them, for conditions like these.
-        **Arguments:** ``swept``: the one for what a sweep adds, too.
+        **Arguments:** ``swept``: the one for what a sweep adds, too; ``fine``: those for refined motions.
         """
-        rows = Rows(
+        rows = Rows.without_slopes(
             np.zeros((1, self._sweeping.size - 1)),
-            np.full((1, COLUMNS), -1),
             *(
                 np.asarray(values)[:1]
                 for values in (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
             ),
         )
-        steady = self._filled(rows).steady
+        plain, moving = self._rows_of(self._plain, rows), self._rows_of(self._moving, rows).steady
+        refined = [
+            lambda: self._refined.make(moving[0], *moving[2:], wide),
+            *(functools.partial(forces.make_fine, self.grid.finer) for forces in self._forces),
+        ]
+        motion, wide = np.zeros((1, self.dof, self.coefficients)), np.zeros((1, self.dof, self.wide))
         return [
-            lambda: self._linear.make(*rows.steady),
-            *([lambda: self._swept.make(*rows)] if swept else []),
-            lambda: self._balanced.make(*steady, np.zeros((1, self.dof, self.coefficients))),
-            lambda: self._refined.make(*steady, np.zeros((1, self.dof, self.wide))),
+            lambda: self._linear.make(*plain.steady),
+            *([lambda: self._swept.make(*plain)] if swept else []),
+            lambda: self._along.make(*moving, motion),
+            *(functools.partial(forces.make, COLUMNS, self.grid) for forces in self._forces),
+            *(refined if fine else []),
         ]
 
     @property
@@ -151,7 +179,7 @@ class Kernels:
 
     def linear(self, rows: Rows) -> Reading:
         """Every order in closed form, nonlinear forces left out."""
-        shown, slopes = self._linear(*rows.steady)
+        shown, slopes = self._linear(*self._rows_of(self._plain, rows).steady)
         return self._with_sweep(rows, shown, slopes[:, rows.wanted])
 
     def balanced(
@@ -160,7 +188,15 @@ class Kernels:
         """Orders that depend on one another, along a motion that need not be one. **Arguments:** ``swept``: whether
         what a sweep adds is in what is shown; it is not in the balance.
         """
-        parts = iter(self._balanced(*self._filled(rows).steady, motion))
+        own = [part for forces in self._forces for part in forces.own(rows.unknowns, rows.columns)]
+        parts = iter(
+            in_chunks(
+                self._balanced_chunk,
+                (*self._rows_of(self._moving, rows).steady, motion, *own),
+                BALANCED_CHUNK,
+                warm=self.warm,
+            )
+        )
         size, wanted = motion[0].size, rows.wanted
         vectors, by_unknowns = next(parts)[..., self._read], next(parts)[:, wanted][..., self._read]
         shown, shown_slopes = (
@@ -183,9 +219,43 @@ class Kernels:
             np.moveaxis((force_slopes[:, wanted] + lacking_slopes).reshape(*shown_slopes.shape[::2], size), 1, 2),
         )
 
+    def _balanced_chunk(self, *rows: np.ndarray) -> list[Array | np.ndarray]:
+        """All parts of the balance: of the linear rotor, then the sum of the forces that act."""
+        motion, own = rows[5], rows[6:]
+        parts = self._along.chunk(*rows[:6])
+        count = 2 * len(Course._fields)
+        rest, course = parts[:-count], [np.asarray(part) for part in parts[-count:]]
+        acting = [
+            forces.slopes.chunk(values, changes, *course, motion)
+            for forces, values, changes in zip(self._forces, own[::2], own[1::2], strict=True)
+            if np.any(values) or np.any(changes)
+        ]
+        size, columns = motion.shape, rows[1].shape
+        return [*rest, *_sum(acting, (size, (*columns, *size[1:]), (*size, *size[1:])))]
+
     def refined(self, rows: Rows, motion: Float[np.ndarray, "row dof wide"]) -> Refined:
         """Many orders at many instants along a refined motion."""
-        return Refined(*self._refined(*self._filled(rows).steady, motion))
+        unknowns, _, *conditions = self._rows_of(self._moving, rows).steady
+        own = [forces.own(rows.unknowns, rows.columns)[0] for forces in self._forces]
+        lacking, free, *compliance, force = in_chunks(
+            self._refined_chunk, (unknowns, *conditions, motion, *own), BALANCED_CHUNK, warm=self._refined.program.warm
+        )
+        count = self.coefficients
+        low = (lacking + force)[..., :count]
+        follows = free - answer(compliance, force)
+        return Refined(low.reshape(len(low), -1), np.concatenate([motion[..., :count], follows[..., count:]], axis=-1))
+
+    def _refined_chunk(self, *rows: np.ndarray) -> list[Array | np.ndarray]:
+        motion, own = rows[4], rows[5:]
+        parts = self._refined.chunk(*rows[:5])
+        count = len(Course._fields)
+        rest, course = parts[:-count], [np.asarray(part) for part in parts[-count:]]
+        acting = [
+            forces.fine.chunk(values, *course, motion)
+            for forces, values in zip(self._forces, own, strict=True)
+            if np.any(values)
+        ]
+        return [*rest, *_sum(acting, (motion.shape,))]
 
     def _with_sweep(
         self,
@@ -197,19 +267,45 @@ class Kernels:
         freed = self._sweeping[rows.columns].any(axis=1) | rows.unknowns[:, self._sweeping[:-1]].any(axis=1)
         moving = np.flatnonzero(freed | (rows.sweep != 0.0))
         if len(moving):
-            added, by_column = self._swept(*(values[moving] for values in rows))
+            added, by_column = self._swept(*(values[moving] for values in self._rows_of(self._plain, rows)))
             shown[moving] += added
             slopes[moving] += by_column[:, rows.wanted]
         return Reading(_cells(shown), _cells_by_column(slopes))
 
-    def _filled(self, rows: Rows) -> Rows:
-        return rows._replace(unknowns=np.pad(rows.unknowns, ((0, 0), (0, self._more))))
+    def _rows_of(self, part: Part, rows: Rows) -> Rows:
+        """With the unknowns of a part of the space."""
+        return rows._replace(unknowns=part.unknowns(rows.unknowns), columns=part.columns(rows.columns))
 
 
 @once_for_each
 def kernels_of(space: Space) -> Kernels:
     """The kernels of a space, made once."""
     return Kernels(space)
+
+
+def _is_linear(effect: Effect) -> bool:
+    return not isinstance(effect, RestoringEffect | WaveformEffect)
+
+
+def _is_force_only(effect: Effect) -> bool:
+    """Whether all that it does is a nonlinear force: a class may be of several kinds."""
+    more = SpeedEffect | SweepEffect | SupportEffect | MatrixEffect | ExcitationEffect | ReadingEffect | WaveformEffect
+    return isinstance(effect, RestoringEffect) and not isinstance(effect, more)
+
+
+def _company(effects: Iterable[Effect]) -> list[type[Effect]]:
+    """Linear terms of a missing force, where the whole catalogue is there: one program then serves both."""
+    whole = CATALOG.keys() <= {effect.name for effect in effects}
+    return [cls for cls in TERMS.values() if not issubclass(cls, RestoringEffect)] if whole else []
+
+
+def _sources(effects: Iterable[Effect]) -> list[list[str]]:
+    """Names of the nonlinear forces of the catalogue, of the terms, and of others: a program each, the same whatever
+    is beside it.
+    """
+    forces = [effect for effect in effects if isinstance(effect, RestoringEffect)]
+    source = [0 if CATALOG.get(e.name) is type(e) else 1 if TERMS.get(e.name) is type(e) else 2 for e in forces]
+    return [[e.name for e, own in zip(forces, source, strict=True) if own == k] for k in sorted(set(source))]
 
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:
@@ -222,130 +318,11 @@ def _cells_by_column(slopes: Complex[np.ndarray, "row column probe order"]) -> F
     return np.moveaxis(_cells(slopes), 1, 2)
 
 
-def as_coefficients(amplitudes: Complex[np.ndarray, "*many order"]) -> Float[np.ndarray, "*many coefficient"]:
-    """`rotorjax.physics.harmonic_balance.to_real` in NumPy."""
-    pairs = numpy_pair(amplitudes[..., 1:])
-    return np.concatenate(
-        [np.real(amplitudes[..., :1]), pairs.reshape(*amplitudes.shape[:-1], 2 * pairs.shape[-2])], axis=-1
-    )
-
-
-def add_dynamic(
-    by_motion: Float[np.ndarray, "row dof coefficient dof coefficient"], dynamic: list[list[np.ndarray]]
-) -> None:
-    """Add a complex factor per order, row x order for each pair of directions, as it acts on coefficients; that of
-    order 0 is real.
-    """
-    for (i, row), j in itertools.product(enumerate(dynamic), range(len(dynamic))):
-        real, imaginary = np.real(row[j]), np.imag(row[j])
-        block = by_motion[:, i, :, j]
-        block[:, 0, 0] += real[:, 0]
-        for order in range(1, real.shape[1]):
-            re, im = 2 * order - 1, 2 * order
-            block[:, re, re] += real[:, order]
-            block[:, im, im] += real[:, order]
-            block[:, re, im] -= imaginary[:, order]
-            block[:, im, re] += imaginary[:, order]
-
-
-def _linear(space: Space, unknowns: Array, columns: Array, *conditions: Array) -> tuple[Array, Array]:
-    return _with_slopes(linear_vectors, space, unknowns, columns, *conditions)
-
-
-def _sweep_of_fit(space: Space, unknowns: Array, columns: Array, *conditions: Array) -> tuple[Array, Array]:
-    return _with_slopes(added_by_sweep, space, unknowns, columns, *conditions)
-
-
-def _with_slopes(
-    vectors: Callable[[Model, Conditions], Array], space: Space, unknowns: Array, columns: Array, *conditions: Array
-) -> tuple[Array, Array]:
-    """Vectors of the rotor without nonlinear forces, and their slopes."""
-
-    def row(u: Array, wanted: Array, *condition: Array) -> tuple[Array, Array]:
-        def shown(at: Array) -> Array:
-            return vectors(without_coupling(space.at(at)), Conditions(*condition))
-
-        # Not linearised once for all columns, nor the value by itself: either takes longer to trace and to run.
-        units = jax.nn.one_hot(wanted, len(u), dtype=float)
-        return jax.vmap(lambda unit: jax.jvp(shown, (u,), (unit,)), out_axes=(None, 0))(units)
-
-    return jax.vmap(row)(unknowns, columns, *conditions)
-
-
-class _Along(NamedTuple):
-    """What one row along a motion depends on the unknowns by; or its changes, with a leading axis that
-    counts columns.
-    """
-
-    lacking: Vector
-    inputs: Inputs
-    sensed: Sensed
-
-
-def _with_changes(function: Callable[[Array], Tree], unknowns: Array, columns: Array) -> tuple[Tree, Tree]:
-    """A function of the unknowns of every row, and how its parts change with the wanted ones: a leading axis counts
-    rows, in the changes a further one columns.
-    """
-    here = function(unknowns)
-    units = jnp.moveaxis(jax.nn.one_hot(columns, unknowns.shape[-1], dtype=float), 1, 0)
-
-    def every(unknowns: Array) -> Tree:
-        # Not linearised once for all columns: to keep what they have in common takes longer to compile.
-        return jax.vmap(lambda unit: jax.jvp(function, (unknowns,), (unit,))[1], out_axes=1)(units)
-
-    def none(unknowns: Array) -> Tree:
-        del unknowns
-        return jax.tree.map(lambda part: jnp.zeros((len(part), len(units), *part.shape[1:]), part.dtype), here)
-
-    return here, jax.lax.cond(jnp.any(columns >= 0), every, none, unknowns)
-
-
-def _balanced(
-    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
-) -> tuple[Array, ...]:
-    model = space.model
-    grid = grid_of(model)
-    conditions = (speed, unbalance, bow)
-
-    def ready(u: Array, *condition: Array) -> Ready:
-        return Ready.of(space.at(u), Conditions(*condition))
-
-    def along(u: Array, motion: Array, *condition: Array) -> _Along:
-        there = ready(u, *condition)
-        return _Along(there.lacking(motion), there.inputs(motion), there.sensed(motion))
-
-    def by_motion_of(u: Array, *condition: Array) -> tuple[Array, Matrix]:
-        there = ready(u, *condition)
-        return there.sensed_by_motion(), there.assembled.dynamic
-
-    here, moved = _with_changes(lambda at: jax.vmap(along)(at, motions, *conditions), unknowns, columns)
-    by_motion, dynamic = jax.vmap(by_motion_of)(unknowns, *conditions)
-    # Not row by row: what is at its null in all rows is passed over.
-    forces = force_slopes(parameters_of(model)[1], model.rotor, grid, here.inputs, moved.inputs)
-    shown = read_rows(
-        bends_of(model)[1], grid, positions(model.layout.orders, grid), here.sensed, moved.sensed, by_motion
-    )
-    # Parts by themselves: to put them side by side costs more in compiled code than outside.
-    return (
-        shown.shown, shown.slopes, shown.by_motion, here.lacking.x, here.lacking.y, moved.lacking.x, moved.lacking.y,
-        dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, forces.force, forces.change, forces.by_motion,
-    )  # fmt: skip
-
-
-def _refined(
-    space: Space, unknowns: Array, columns: Array, speed: Array, unbalance: Array, bow: Array, motions: Array
-) -> tuple[Array, Array]:
-    del columns
-    model = space.model
-    grid = grid_of(model)
-
-    def row(u: Array, speed: Array, unbalance: Array, bow: Array, motion: Array) -> tuple[Array, Array, Matrix, Inputs]:
-        ready = Ready.of(space.at(u), Conditions(speed, unbalance, bow)).finer
-        return ready.system.lacking(motion), ready.system.free, ready.assembled.dynamic.inverse(), ready.inputs(motion)
-
-    lacking, free, compliance, inputs = jax.vmap(row)(unknowns, speed, unbalance, bow, motions)
-    force = forces_of_rows(parameters_of(model)[1], model.rotor, grid.finer, inputs)
-    follows = free - jax.vmap(answer)(compliance, force)
-    count = 2 * len(grid.orders) - 1
-    low = (lacking + force)[..., :count]
-    return low.reshape(len(low), -1), jnp.concatenate([motions[..., :count], follows[..., count:]], axis=-1)
+def _sum(several: list[tuple[Array, ...]], shapes: tuple[tuple[int, ...], ...]) -> list[Array | np.ndarray]:
+    """Part by part; nothing, of these shapes, where there are none."""
+    if not several:
+        return [np.zeros(shape) for shape in shapes]
+    first, *others = several
+    return [
+        sum((np.asarray(part) for part in more), np.asarray(one)) for one, *more in zip(first, *others, strict=True)
+    ]

@@ -69,7 +69,7 @@ class Program:
         """Whether it was called before."""
         return self._call is not None
 
-    def __call__(self, leaves: list[Any], *rows: np.ndarray) -> tuple[Array, ...]:
+    def __call__(self, leaves: list[Any], *rows: np.ndarray | Array) -> tuple[Array, ...]:
         """One chunk."""
         if self._call is not None:
             return self._call(leaves, *rows)
@@ -82,7 +82,7 @@ class Program:
                 return parts
         return self._call(leaves, *rows)
 
-    def _made(self, leaves: list[Any], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
+    def _made(self, leaves: list[Any], *rows: np.ndarray | Array) -> Callable[..., tuple[Array, ...]]:
         def kernel(leaves: list[Any], *rows: Array) -> tuple[Array, ...]:
             return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
 
@@ -108,6 +108,26 @@ def _program(
     return Program(kernel, structure, ours=ours, often=often)
 
 
+def in_chunks(
+    function: Callable[..., Sequence[Array | np.ndarray]], rows: Sequence[np.ndarray], size: int, *, warm: bool
+) -> list[np.ndarray]:
+    """A function of rows, evaluated in chunks of one size; the last is filled up with copies of its last row.
+    **Arguments:** ``warm``: whether what it calls is compiled.
+    """
+    count = len(rows[0])
+
+    def chunk(first: int) -> list[np.ndarray]:
+        index = np.minimum(np.arange(first, first + size), count - 1)
+        return [np.asarray(part) for part in function(*(values[index] for values in rows))]
+
+    firsts, parts = range(0, count, size), []
+    if not warm:
+        # The first by itself: it may have to be compiled.
+        parts, firsts = [chunk(0)], firsts[1:]
+    parts += side_by_side(chunk, firsts) if firsts else []
+    return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+
+
 class Compiled(NamedTuple):
     """A kernel at the values of one pytree. Called with rows, any number of them, which are evaluated in chunks of one
     size.
@@ -119,19 +139,12 @@ class Compiled(NamedTuple):
     size: int
 
     def __call__(self, *rows: np.ndarray) -> list[np.ndarray]:
-        """The last chunk is filled up with copies of its last row."""
-        count = len(rows[0])
+        """All rows."""
+        return in_chunks(self.chunk, rows, self.size, warm=self.program.warm)
 
-        def chunk(first: int) -> list[np.ndarray]:
-            index = np.minimum(np.arange(first, first + self.size), count - 1)
-            return [np.asarray(part) for part in self.program(self.leaves, *(values[index] for values in rows))]
-
-        firsts, parts = range(0, count, self.size), []
-        if not self.program.warm:
-            # The first by itself: it may have to be compiled.
-            parts, firsts = [chunk(0)], firsts[1:]
-        parts += side_by_side(chunk, firsts) if firsts else []
-        return [np.concatenate(several)[:count] for several in zip(*parts, strict=True)]
+    def chunk(self, *rows: np.ndarray | Array) -> tuple[Array, ...]:
+        """As many rows as are evaluated together."""
+        return self.program(self.leaves, *rows)
 
     def make(self, *rows: np.ndarray) -> None:
         """Trace and compile it, if that was not done. **Arguments:** ``rows`` like those to come."""

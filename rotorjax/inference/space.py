@@ -88,30 +88,12 @@ class Space:
         _, unravel = ravel_pytree(self.model.effects)
         return eqx.tree_at(lambda m: m.effects, self.model, unravel(values))
 
-    def with_orders(self, orders: tuple[float, ...]) -> "Space":
-        """The same for other orders. Parameters of orders that are new stay at their null: their unknowns, after the
-        others, change nothing.
-        """
-        old = {entry: k for k, entry in enumerate(labels_of(self.model))}
-        bare = dataclasses.replace(self.model, layout=self.model.layout._replace(orders=orders), effects=())
-        shapes = [p.shape(bare.layout) for e in self.model.effects for p in e.parameters()]
-        nothing = {shape: as_array(np.zeros(shape)) for shape in set(shapes)}
-        structure = jax.tree.structure(self.model.effects)
-        model = dataclasses.replace(bare, effects=structure.unflatten([nothing[shape] for shape in shapes]))
-        place = np.array([old.get(entry, -1) for entry in labels_of(model)], dtype=int)
-
-        def at(values: Array, new: Any) -> Array:
-            return as_array(
-                np.where(place < 0, new, np.asarray(values)[place]) if len(values) else np.full(len(place), new)
-            )
-
-        centre, scale, logarithmic = at(self.centre, 0.0), at(self.scale, 0.0), at(self.logarithmic, False)
-        unknown, open_size, strength = at(self.unknown, 0), at(self.open_size, -1), at(self.strength, -1)
-        return Space(model, centre, scale, logarithmic, unknown, open_size, strength, ())
-
-    def values(self, unknowns: Float[np.ndarray, "param"]) -> Float[np.ndarray, "param"]:
+    def values(self, unknowns: Float[np.ndarray, "*many param"]) -> Float[np.ndarray, "*many param"]:
         """Value of every entry [SI]."""
-        moved, centre = np.asarray(self.scale) * unknowns[np.asarray(self.unknown)], np.asarray(self.centre)
+        moved, centre = (
+            np.asarray(self.scale) * np.take(unknowns, np.asarray(self.unknown), axis=-1),
+            np.asarray(self.centre),
+        )
         factor = np.expm1(np.where(self.logarithmic, moved, 0.0))
         return centre + np.where(self.logarithmic, (1.0 + centre) * factor, moved)
 
@@ -215,11 +197,6 @@ def _effects_of(space: Space) -> list[tuple[Any, list[tuple[int, ...]], bool]]:
         costly = isinstance(effect, RestoringEffect | WaveformEffect | SweepEffect)
         found.append((structure, [leaf.shape for leaf in leaves], costly))
     return found
-
-
-def labels_of(model: Model) -> list[tuple[str, str]]:
-    """Effect and label of every number of every effect."""
-    return [(e.name, label) for e in model.effects for p in e.parameters() for label in p.labels(model.layout)]
 
 
 def values_of(model: Model) -> Float[np.ndarray, "param"]:

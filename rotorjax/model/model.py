@@ -24,6 +24,16 @@ def _at_null(cls: type[Effect], layout: Layout, dtype: np.dtype) -> Effect:
     return cls().sized(layout)
 
 
+def in_company(effects: tuple[Effect, ...], classes: Iterable[type[Effect]], layout: Layout) -> tuple[Effect, ...]:
+    """Effects with those of these classes, at their null where they are not among them, in the order of a model."""
+    own, dtype = {e.name for e in effects}, jnp.result_type(float)
+    return _in_order([*effects, *(_at_null(cls, layout, dtype) for cls in classes if cls.name not in own)])
+
+
+def _in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    return tuple(sorted(effects, key=lambda e: e.name))
+
+
 def _float_or_none(value: Numbers | None) -> Array | None:
     return None if value is None else as_float(value)
 
@@ -69,9 +79,7 @@ class Model(eqx.Module, Shown):
 
     def in_company(self, classes: Iterable[type[Effect]]) -> "Model":
         """The model with the effects of these classes, at their null where it does not have them."""
-        own, layout, dtype = {e.name for e in self.effects}, self.layout, jnp.result_type(float)
-        new = [_at_null(cls, layout, dtype) for cls in classes if cls.name not in own]
-        return self._with_effects([*self.effects, *new])
+        return dataclasses.replace(self, effects=in_company(self.effects, classes, self.layout))
 
     def __contains__(self, name: str) -> bool:
         return self.find(name) is not None
@@ -107,4 +115,4 @@ class Model(eqx.Module, Shown):
             yield as_array(np.stack(kept, axis)) if known else jnp.stack(kept, axis)
 
     def _with_effects(self, effects: Iterable[Effect]) -> "Model":
-        return dataclasses.replace(self, effects=tuple(sorted(effects, key=lambda e: e.name)))
+        return dataclasses.replace(self, effects=_in_order(effects))

@@ -189,9 +189,10 @@ class Ready(NamedTuple):
         whole = self.model.with_orders(grid.orders)
         return Ready(whole, self.condition, grid, *by_order(whole, self.condition, grid))
 
-    def inputs(self, motion: Coefficients) -> Inputs:
-        """What the restoring forces depend on along a motion."""
-        return Inputs(parameters_of(self.model)[0], self.condition.speed, motion, _bow(self.assembled, self.grid))
+    @property
+    def bow(self) -> Vector:
+        """Complex amplitude of the bow at every order."""
+        return _bow(self.assembled, self.grid)
 
     def lacking(self, motion: Coefficients) -> Vector:
         """D q - F, order by order: the force that the linear rotor and its own excitation lack along a motion."""

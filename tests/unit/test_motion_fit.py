@@ -16,6 +16,7 @@ from rotorjax.discovery import bootstrap
 from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.race import _starts, race, settle
 from rotorjax.effects import CATALOG
+from rotorjax.effects.terms import TERMS
 from rotorjax.inference import descent, linearised
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts, make_data
@@ -262,7 +263,27 @@ def test_heavier_rotor_is_still_one_rotor():
 def test_of_the_usual_orders_any_may_be_measured_with_one_program():
     model, knowledge = Model(Jeffcott(1.0, 5e4, 0.02)).in_company(CATALOG.values()), Knowledge()
     spaces = [make_space(model.with_orders(orders), knowledge) for orders in ((1.0,), (0.0, 2.0), (0.0, 1.0, 2.0, 3.0))]
-    assert len({id(Kernels(space)._balanced.program) for space in spaces}) == 1
+    assert len({id(Kernels(space)._along.program) for space in spaces}) == 1
+    assert len({id(Kernels(space)._forces[0].slopes.program) for space in spaces}) == 1
+
+
+class _Mine(effects.Duffing):
+    name = "mine"
+
+
+@pytest.mark.parametrize("more", [TERMS, {"mine": _Mine}], ids=["terms of a missing force", "a force of one's own"])
+def test_more_forces_take_programs_of_their_own_only(more):
+    """What the catalogue needs is the same with them."""
+    model, knowledge = Model(Jeffcott(1.0, 5e4, 0.02)), Knowledge()
+    alone, beside = (
+        Kernels(make_space(model.in_company(classes.values()), knowledge)) for classes in (CATALOG, CATALOG | more)
+    )
+    assert beside._linear.program is alone._linear.program
+    assert beside._along.program is alone._along.program
+    assert [forces.slopes.program for forces in beside._forces[:1]] == [
+        forces.slopes.program for forces in alone._forces
+    ]
+    assert len(beside._forces) == 2
 
 
 @pytest.mark.parametrize("orders", [(0.0, 1.0, 2.0), (0.5, 1.0)], ids=["0X to 2X", "half an order"])

@@ -48,8 +48,8 @@ def test_fits_of_terms_need_no_programs_but_those_made_ahead(monkeypatch):
     monkeypatch.setattr(Compiled, "make", lambda self, *rows: made.add(self.program))
     monkeypatch.setattr(ahead, "in_background", lambda job: job())
     ahead.make_programs_of_terms_ahead(model, measurement)
-    whole = Compiled.__call__
-    monkeypatch.setattr(Compiled, "__call__", lambda self, *rows: needed.add(self.program) or whole(self, *rows))
+    whole = Compiled.chunk
+    monkeypatch.setattr(Compiled, "chunk", lambda self, *rows: needed.add(self.program) or whole(self, *rows))
     cubic = model.plus([TERMS["term_cubic_x"]()])
     fit_trials([Trial(cubic, ("term_cubic_x",), near=False)], measurement, Budget())
     assert needed
