@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -36,7 +37,7 @@ class ResidualUnbalance(ExcitationEffect):
 
     def excitation(self, point: OperatingPoint) -> Excitation:
         pair = jnp.stack([self.unbalance_x_kg_m, self.unbalance_y_kg_m])
-        return Excitation(force=point.at_order(1.0) * point.speed**2 * point.forward(pair))
+        return Excitation(force=point.forward(point.at_order(1.0) * point.speed**2 * pair))
 
 
 class ResidualBow(ExcitationEffect):
@@ -52,7 +53,7 @@ class ResidualBow(ExcitationEffect):
 
     def excitation(self, point: OperatingPoint) -> Excitation:
         pair = jnp.stack([self.bow_x_m, self.bow_y_m])
-        return Excitation(offset=point.at_order(1.0) * point.forward(pair))
+        return Excitation(offset=point.forward(point.at_order(1.0) * pair))
 
 
 class ThermalBow(ExcitationEffect):
@@ -73,7 +74,7 @@ class ThermalBow(ExcitationEffect):
     def excitation(self, point: OperatingPoint) -> Excitation:
         pair = jnp.stack([self.bow_x_m, self.bow_y_m])
         growth = (point.speed / point.rotor.natural_frequency()) ** 2
-        return Excitation(offset=point.at_order(1.0) * growth * point.forward(pair))
+        return Excitation(offset=point.forward(point.at_order(1.0) * growth * pair))
 
 
 class Misalignment(ExcitationEffect):
@@ -102,10 +103,11 @@ class Misalignment(ExcitationEffect):
         return (only(f"force_2_{axis}_{part}_n" for axis in "xy" for part in ("real", "imaginary")),)
 
     def excitation(self, point: OperatingPoint) -> Excitation:
-        once = point.forward(jnp.stack([self.force_1_x_n, self.force_1_y_n]))
+        once = point.forward(point.at_order(1.0) * jnp.stack([self.force_1_x_n, self.force_1_y_n]))
         real = jnp.stack([self.force_2_x_real_n, self.force_2_y_real_n])
         imaginary = jnp.stack([self.force_2_x_imaginary_n, self.force_2_y_imaginary_n])
-        return Excitation(force=point.at_order(1.0) * once + point.at_order(2.0) * (real + 1j * imaginary))
+        twice = point.at_order(2.0)
+        return Excitation(force=once + jax.lax.complex(twice * real, twice * imaginary))
 
 
 class PlaneParticipation(ExcitationEffect):
@@ -120,7 +122,7 @@ class PlaneParticipation(ExcitationEffect):
 
     def excitation(self, point: OperatingPoint) -> Excitation:
         pair = jnp.sum(self.gain[:, None] * point.unbalance[1:], axis=0)
-        return Excitation(force=point.at_order(1.0) * point.speed**2 * point.forward(pair))
+        return Excitation(force=point.forward(point.at_order(1.0) * point.speed**2 * pair))
 
 
 class SweepRate(SweepEffect):

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -75,8 +76,8 @@ class Runout(ReadingEffect):
         return track, once, only(f"{part}.{probe}.1X" for part in ("real_m", "imaginary_m") for probe in layout.probes)
 
     def reading(self, point: OperatingPoint) -> Reading:
-        every = self.real_m + 1j * self.imaginary_m
-        return Reading(runout=every[:, point.order_index])
+        here = point.order_index
+        return Reading(runout=jax.lax.complex(self.real_m[:, here], self.imaginary_m[:, here]))
 
 
 class ProbeGain(ReadingEffect):
@@ -126,8 +127,8 @@ class ChainGain(ReadingEffect):
 
     def reading(self, point: OperatingPoint) -> Reading:
         size = jnp.sqrt((1.0 + self.gain_real) ** 2 + self.gain_imaginary**2)
-        angle = jnp.arctan2(self.gain_imaginary, 1.0 + self.gain_real)
-        return Reading(gain=size * jnp.exp(1j * point.order * angle))
+        angle = point.order * jnp.arctan2(self.gain_imaginary, 1.0 + self.gain_real)
+        return Reading(gain=jax.lax.complex(size * jnp.cos(angle), size * jnp.sin(angle)))
 
 
 class TimeDelay(ReadingEffect):

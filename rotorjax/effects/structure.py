@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -214,5 +215,7 @@ class Foundation(SupportEffect):
         own = point.rotor.natural_frequency() * jnp.exp(self.log_frequency)
         ratio = point.frequency / own
         damping = FOUNDATION_DAMPING_RATIO * jnp.exp(self.log_damping)
-        compliance = self.compliance_m_per_n / (1.0 - ratio**2 + 2j * damping * ratio)
-        return Support(compliance=compliance * jnp.ones(2))
+        real, imaginary = 1.0 - ratio**2, 2.0 * damping * ratio
+        each = self.compliance_m_per_n / (real**2 + imaginary**2)
+        compliance = jax.lax.complex(each * real, -each * imaginary)
+        return Support(compliance=jnp.stack([compliance, compliance]))

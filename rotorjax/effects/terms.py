@@ -9,6 +9,7 @@ right-hand side, like unbalance.
 from types import MappingProxyType
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -252,6 +253,11 @@ class Steady(AxisForce, ExcitationEffect):
         return Excitation(force=point.at_order(0.0) * self.placed(self.force_n) + 0j)
 
 
+def _pulsating(share: Array, along: AxisForce, cosine: Array, sine: Array) -> Array:
+    """The pair a - ib along an axis, times a share."""
+    return jax.lax.complex(along.placed(share * cosine), -along.placed(share * sine))
+
+
 class Pulsating(AxisForce, ExcitationEffect):
     """a cos φ + b sin φ along {a}, φ the shaft angle: F_1 = a - ib, its direction fixed in space."""
 
@@ -268,8 +274,7 @@ class Pulsating(AxisForce, ExcitationEffect):
     sine_n: Array = parameter("amplitude in phase with sin φ", scale=1.0, of="force")
 
     def excitation(self, point: OperatingPoint) -> Excitation:
-        amplitude = self.placed(self.cosine_n) - 1j * self.placed(self.sine_n)
-        return Excitation(force=point.at_order(1.0) * amplitude)
+        return Excitation(force=_pulsating(point.at_order(1.0), self, self.cosine_n, self.sine_n))
 
 
 class PulsatingTwice(AxisForce, ExcitationEffect):
@@ -286,8 +291,7 @@ class PulsatingTwice(AxisForce, ExcitationEffect):
     sine_n: Array = parameter("amplitude in phase with sin 2φ", scale=1.0, of="force")
 
     def excitation(self, point: OperatingPoint) -> Excitation:
-        amplitude = self.placed(self.cosine_n) - 1j * self.placed(self.sine_n)
-        return Excitation(force=point.at_order(2.0) * amplitude)
+        return Excitation(force=_pulsating(point.at_order(2.0), self, self.cosine_n, self.sine_n))
 
 
 def along(axis: int, shape: type[AxisForce]) -> type[AxisForce]:

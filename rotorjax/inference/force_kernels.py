@@ -68,7 +68,7 @@ class Forces(NamedTuple):
         return cls(
             part,
             compiled(_forces, bare, bare, BALANCED_CHUNK, often=True),
-            compiled(_fine_forces, bare, bare, BALANCED_CHUNK),
+            compiled(_fine_forces, bare, bare, BALANCED_CHUNK, often=True),
         )
 
     @property

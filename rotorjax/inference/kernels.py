@@ -132,8 +132,8 @@ class Kernels:
         self._read = [usual.index(order) for order in orders]
         self._moving = Part.of(space, [e.name for e in effects if not _is_force_only(e)], usual, company)
         self._along, self._refined = (
-            compiled(kernel, self._moving.space, self._moving.space.model, BALANCED_CHUNK, often=often)
-            for kernel, often in ((linear_kernels.along, True), (linear_kernels.finer, False))
+            compiled(kernel, self._moving.space, self._moving.space.model, BALANCED_CHUNK, often=True)
+            for kernel in (linear_kernels.along, linear_kernels.finer)
         )
         self._forces = [Forces.of(space, names, usual) for names in _sources(effects)]
 

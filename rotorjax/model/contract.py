@@ -128,7 +128,8 @@ class OperatingPoint(NamedTuple):
 
     def forward(self, pair: Float[Array, "dof"]) -> Complex[Array, "dof"]:
         """The vector (p_x + i p_y) f that turns with the shaft; f = (1, -i), (1, +i) for a shaft from y to x."""
-        return jax.lax.complex(pair[0], pair[1]) * jnp.array([1.0, -1j * self.rotor.spin])
+        across = self.rotor.spin * pair
+        return jax.lax.complex(jnp.stack([pair[0], across[1]]), jnp.stack([pair[1], -across[0]]))
 
     def at_order(self, order: float) -> Float[Array, ""]:
         """One at this order, else zero."""

@@ -5,7 +5,6 @@ effects gives the same model however it was written.
 """
 
 import functools
-import math
 import operator
 from typing import Any, NamedTuple
 
@@ -28,7 +27,7 @@ from rotorjax.model.contract import (
     SupportEffect,
 )
 from rotorjax.model.model import Model
-from rotorjax.physics.planar import Matrix, Vector
+from rotorjax.physics.planar import Matrix, Vector, product, reciprocal
 
 
 class Motion(NamedTuple):
@@ -49,11 +48,13 @@ def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tup
     if not effects:
         return straight, Vector(0.0, 0.0)
     support = _add(Support(), *(e.support(point) for e in effects))
-    turn = Matrix.turn(support.turn)
-    turned = turn @ straight @ turn.transposed
-    compliance = Vector.of(support.compliance)
-    series = Matrix.diagonal(1.0, 1.0) + Matrix.diagonal(compliance.x, compliance.y) @ turned
-    return turned @ series.inverse(), compliance
+    turned, compliance = straight.turned(support.turn), Vector.of(support.compliance)
+    # S (1 + F⁻¹ S)⁻¹, multiplied out.
+    through = Matrix.diagonal(compliance.x, compliance.y)
+    size = 1.0 + product(turned.xx, compliance.x) + product(turned.yy, compliance.y)
+    size += product(turned.determinant, product(compliance.x, compliance.y))
+    across = turned.determinant * Matrix.diagonal(through.yy, through.xx)
+    return reciprocal(size) * (turned + across), compliance
 
 
 class Whole(NamedTuple):
@@ -100,7 +101,9 @@ class Assembled(NamedTuple):
     def motion_of(self, disk: Vector) -> Motion:
         """The foundation's motion beside the disk's."""
         transmitted = self.path.times(disk - self.offset)
-        return Motion(disk, Vector(self.compliance.x * transmitted.x, self.compliance.y * transmitted.y))
+        return Motion(
+            disk, Vector(product(self.compliance.x, transmitted.x), product(self.compliance.y, transmitted.y))
+        )
 
 
 def assemble(model: Model, point: OperatingPoint) -> Assembled:
@@ -108,10 +111,10 @@ def assemble(model: Model, point: OperatingPoint) -> Assembled:
     stiffness, damping, mass, path, path_damping, compliance = matrices_of(model, point)
     driven = _add(Excitation(), *(e.excitation(point) for e in model.effects if isinstance(e, ExcitationEffect)))
     rotor, omega = point.rotor, point.frequency
-    dynamic = stiffness + 1j * omega * damping + (-(omega**2)) * mass
+    dynamic = stiffness + (omega * damping).quadrature + (-(omega**2)) * mass
     once, constant = point.at_order(1.0), point.at_order(0.0)
     offset = Vector.of(driven.offset) + once * Vector.of(point.forward(point.bow))
-    through = path + 1j * omega * path_damping if rotor.bow_through_damping else path
+    through = path + (omega * path_damping).quadrature if rotor.bow_through_damping else path
     installed = once * point.speed**2 * Vector.of(point.forward(jnp.sum(point.unbalance, axis=0)))
     weight = constant * mass.times(Vector.of(rotor.gravity))
     return Assembled(
@@ -135,20 +138,21 @@ class Chain(NamedTuple):
         phase reference.
         """
         readings = [e.reading(point) for e in model.effects if isinstance(e, ReadingEffect)]
-        gain: Any = math.prod(r.gain for r in readings)
+        gain = functools.reduce(product, (r.gain for r in readings), 1.0)
         total = _add(Reading(gain=0.0), *(r._replace(gain=0.0) for r in readings))
         probes, constant = model.probes, point.at_order(0.0)
         scale = (1.0 - constant) * probes.scale + constant * probes.mean_scale
-        turn = scale * jnp.exp(1j * (point.order * total.phase - point.frequency * total.delay))
+        angle = point.order * total.phase - point.frequency * total.delay
+        turn = jax.lax.complex(scale * jnp.cos(angle), scale * jnp.sin(angle))
         return cls(gain, total.runout, total.direction, turn)
 
     def sensed(self, probes: Probes, motion: Motion) -> Complex[Array, "probe"]:
         """What the probes deliver, before delay and phase reference."""
         angle = probes.angle + self.direction
-        x = motion.disk.x - probes.on_foundation * motion.foundation.x
-        y = motion.disk.y - probes.on_foundation * motion.foundation.y
-        along = jnp.cos(angle) * x + jnp.sin(angle) * y
-        return (probes.participation * along + self.runout) * self.gain
+        x = motion.disk.x - product(probes.on_foundation, motion.foundation.x)
+        y = motion.disk.y - product(probes.on_foundation, motion.foundation.y)
+        along = product(jnp.cos(angle), x) + product(jnp.sin(angle), y)
+        return product(product(probes.participation, along) + self.runout, self.gain)
 
 
 def true_speed(model: Model, speed: Float[Array, ""]) -> Float[Array, ""]:

@@ -10,6 +10,34 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Inexact
 
+
+def product(a: Any, b: Any) -> Any:
+    """Of two numbers, real or complex. That of a real and a complex one part by part: compiled, the real one would be
+    made complex first, and half of the work would be with zero.
+    """
+    if jnp.iscomplexobj(a) and not jnp.iscomplexobj(b):
+        a, b = b, a
+    if jnp.iscomplexobj(b) and not jnp.iscomplexobj(a):
+        return jax.lax.complex(a * jnp.real(b), a * jnp.imag(b))
+    return a * b
+
+
+def reciprocal(value: Any) -> Any:
+    """1/value. Of a complex one without the care for infinite numbers that compiled division takes."""
+    if not jnp.iscomplexobj(value):
+        return 1.0 / value
+    real, imaginary = jnp.real(value), jnp.imag(value)
+    size = real**2 + imaginary**2
+    return jax.lax.complex(real / size, -imaginary / size)
+
+
+def quadrature(value: Any) -> Any:
+    """i times a number."""
+    if jnp.iscomplexobj(value):
+        return jax.lax.complex(-jnp.imag(value), jnp.real(value))
+    return jax.lax.complex(jnp.zeros_like(value), jnp.asarray(value))
+
+
 DOF = 2
 """Degrees of freedom of a disk: along x and along y."""
 
@@ -34,7 +62,7 @@ class Vector:
         return Vector(self.x - other.x, self.y - other.y)
 
     def __rmul__(self, factor: Any) -> "Vector":
-        return Vector(factor * self.x, factor * self.y)
+        return Vector(product(factor, self.x), product(factor, self.y))
 
 
 @jax.tree_util.register_dataclass
@@ -61,43 +89,54 @@ class Matrix:
         """Nothing off the diagonal."""
         return cls(x, 0.0, 0.0, y)
 
-    @classmethod
-    def turn(cls, angle: Any) -> "Matrix":
-        """R(β), from x towards y."""
-        return cls(jnp.cos(angle), -jnp.sin(angle), jnp.sin(angle), jnp.cos(angle))
-
     def __add__(self, other: "Matrix") -> "Matrix":
         return Matrix(self.xx + other.xx, self.xy + other.xy, self.yx + other.yx, self.yy + other.yy)
 
     def __rmul__(self, factor: Any) -> "Matrix":
-        return Matrix(factor * self.xx, factor * self.xy, factor * self.yx, factor * self.yy)
+        return Matrix(*(product(factor, value) for value in (self.xx, self.xy, self.yx, self.yy)))
 
     def __matmul__(self, other: "Matrix") -> "Matrix":
         return Matrix(
-            self.xx * other.xx + self.xy * other.yx,
-            self.xx * other.xy + self.xy * other.yy,
-            self.yx * other.xx + self.yy * other.yx,
-            self.yx * other.xy + self.yy * other.yy,
+            product(self.xx, other.xx) + product(self.xy, other.yx),
+            product(self.xx, other.xy) + product(self.xy, other.yy),
+            product(self.yx, other.xx) + product(self.yy, other.yx),
+            product(self.yx, other.xy) + product(self.yy, other.yy),
         )
 
     @property
-    def transposed(self) -> "Matrix":
-        """Rows and columns exchanged."""
-        return Matrix(self.xx, self.yx, self.xy, self.yy)
+    def determinant(self) -> Any:
+        """xx yy - xy yx."""
+        return product(self.xx, self.yy) - product(self.xy, self.yx)
+
+    @property
+    def quadrature(self) -> "Matrix":
+        """i times the matrix."""
+        return Matrix(*(quadrature(value) for value in (self.xx, self.xy, self.yx, self.yy)))
+
+    def turned(self, angle: Any) -> "Matrix":
+        """R M Rᵀ, R the turn by an angle from x towards y: half the trace and the skew part stay, the rest turns by
+        twice the angle.
+        """
+        cosine, sine = jnp.cos(2.0 * angle), jnp.sin(2.0 * angle)
+        mean, half = 0.5 * (self.xx + self.yy), 0.5 * (self.xx - self.yy)
+        symmetric, skew = 0.5 * (self.xy + self.yx), 0.5 * (self.xy - self.yx)
+        along, across = half * cosine - symmetric * sine, half * sine + symmetric * cosine
+        return Matrix(mean + along, across + skew, across - skew, mean - along)
 
     def times(self, vector: Vector) -> Vector:
         """Matrix times vector."""
-        return Vector(self.xx * vector.x + self.xy * vector.y, self.yx * vector.x + self.yy * vector.y)
+        return Vector(
+            product(self.xx, vector.x) + product(self.xy, vector.y),
+            product(self.yx, vector.x) + product(self.yy, vector.y),
+        )
 
     def solve(self, vector: Vector) -> Vector:
         """Inverse times vector, in closed form."""
-        determinant = self.xx * self.yy - self.xy * self.yx
-        return Vector(
-            (self.yy * vector.x - self.xy * vector.y) / determinant,
-            (self.xx * vector.y - self.yx * vector.x) / determinant,
+        return reciprocal(self.determinant) * Vector(
+            product(self.yy, vector.x) - product(self.xy, vector.y),
+            product(self.xx, vector.y) - product(self.yx, vector.x),
         )
 
     def inverse(self) -> "Matrix":
         """In closed form."""
-        reciprocal = 1.0 / (self.xx * self.yy - self.xy * self.yx)
-        return reciprocal * Matrix(self.yy, -self.xy, -self.yx, self.xx)
+        return reciprocal(self.determinant) * Matrix(self.yy, -self.xy, -self.yx, self.xx)

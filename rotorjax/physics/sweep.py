@@ -116,7 +116,7 @@ def _poles(model: Model, point: OperatingPoint) -> _Poles:
     # Over sqrt(mean stiffness / mass), so that coefficients are of the size of one.
     unit = jnp.sqrt(jnp.real(0.5 * (stiffness.xx + stiffness.yy) / own.mass.xx))
     size = own.mass.xx * unit**2
-    parts = (-(unit**2) / size) * own.mass, (1j * unit / size) * own.damping, (1.0 / size) * stiffness
+    parts = (-(unit**2) / size) * own.mass, ((unit / size) * own.damping).quadrature, (1.0 / size) * stiffness
     xx, xy, yx, yy = ([getattr(part, name) for part in parts] for name in ("xx", "xy", "yx", "yy"))
     determinant = [a - b for a, b in zip(_product(xx, yy), _product(xy, yx), strict=True)]
     slope = [power * value for power, value in zip((4.0, 3.0, 2.0, 1.0), determinant, strict=False)]
