@@ -29,7 +29,7 @@ from rotorjax.discovery.search import Selection, begin, change_by, noise_size, s
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
-from rotorjax.inference.ahead import make_programs_ahead, make_programs_of_terms_ahead
+from rotorjax.inference.ahead import make_programs_ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
@@ -160,8 +160,6 @@ def _answer(
     budget = selection.contest.budget
     left_out = ["mistakes in rig file and table"] if written.left_out else []
     stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
-    if thorough and _is_more_than_noise(noise_left(selection).allowance, selection.contest):
-        make_programs_of_terms_ahead(model, selection.contest.measurement)
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.

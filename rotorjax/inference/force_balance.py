@@ -38,8 +38,8 @@ class ForceBalance:
         self._kernels = Kernels(dataclasses.replace(space, scale=as_array(np.ones(len(space.entries)))))
 
     def make(self, conditions: Conditions) -> None:
-        """Make its programs, for conditions like these, as far as no fit has made them."""
-        for make in self._kernels.makers(conditions, swept=False, fine=False):
+        """Make its programs, and those that fit a term, for conditions like these, as far as no fit has made them."""
+        for make in self._kernels.makers(conditions, swept=False):
             make()
 
     def at(

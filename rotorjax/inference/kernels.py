@@ -142,9 +142,9 @@ class Kernels:
         """Whether the programs for nonlinear forces were called before."""
         return self._along.program.warm and all(forces.warm for forces in self._forces)
 
-    def makers(self, conditions: Conditions, *, swept: bool = True, fine: bool = True) -> list[Callable[[], None]]:
+    def makers(self, conditions: Conditions, *, swept: bool = True) -> list[Callable[[], None]]:
         """What makes each program, in the order in which a search needs them, for conditions like these.
-        **Arguments:** ``swept``: the one for what a sweep adds, too; ``fine``: those for refined motions.
+        **Arguments:** ``swept``: the one for what a sweep adds, too.
         """
         rows = Rows.without_slopes(
             np.zeros((1, self._sweeping.size - 1)),
@@ -154,17 +154,14 @@ class Kernels:
             ),
         )
         plain, moving = self._rows_of(self._plain, rows), self._rows_of(self._moving, rows).steady
-        refined = [
-            lambda: self._refined.make(moving[0], *moving[2:], wide),
-            *(functools.partial(forces.make_fine, self.grid.finer) for forces in self._forces),
-        ]
         motion, wide = np.zeros((1, self.dof, self.coefficients)), np.zeros((1, self.dof, self.wide))
         return [
             lambda: self._linear.make(*plain.steady),
             *([lambda: self._swept.make(*plain)] if swept else []),
             lambda: self._along.make(*moving, motion),
             *(functools.partial(forces.make, COLUMNS, self.grid) for forces in self._forces),
-            *(refined if fine else []),
+            lambda: self._refined.make(moving[0], *moving[2:], wide),
+            *(functools.partial(forces.make_fine, self.grid.finer) for forces in self._forces),
         ]
 
     @property

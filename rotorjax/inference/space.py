@@ -125,9 +125,13 @@ class Space:
 
     def is_linear_at(self, point: Float[np.ndarray, "param"]) -> bool:
         """Whether no such effect is there: what is shown is then linear in what is installed."""
-        there = np.asarray(point) != 0.0
-        there[np.asarray(self.unknown)[np.asarray(self.centre) != 0.0]] = True
-        return not np.any(self.coupled() & there)
+        return not np.any(self.coupled() & self.there(point))
+
+    def there(self, point: Float[np.ndarray, "param"]) -> Bool[np.ndarray, "param"]:
+        """Unknowns that have a value."""
+        found = np.asarray(point) != 0.0
+        found[np.asarray(self.unknown)[np.asarray(self.centre) != 0.0]] = True
+        return found
 
     def sweeping(self) -> Bool[np.ndarray, "param"]:
         """Unknowns of effects by which the speed changes."""

@@ -65,11 +65,9 @@ def _held(end: End, space: Space) -> bool:
     """
     turning = {e.name for e in space.model.effects if isinstance(e, RestoringEffect) and e.in_proportion}
     forces = space.of_kind(RestoringEffect | SweepEffect) & ~space.only_of(turning)
-    kept = np.ones(len(end.point), bool)
-    kept[end.free] = False
-    given = np.zeros(len(end.point), bool)
-    given[np.asarray(space.unknown)[np.asarray(space.centre) != 0.0]] = True
-    if np.any(forces & (given | (kept & (end.point != 0.0)))):
+    kept = end.point.copy()
+    kept[end.free] = 0.0
+    if np.any(forces & space.there(kept)):
         return True
     own = forces[end.free]
     return bool(np.linalg.norm(end.local.slopes[..., own] @ end.point[end.free][own]) >= SEEN)

@@ -53,9 +53,12 @@ class WhirlModes(NamedTuple):
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speed state"]:
         """ζ = -Re(s) / |s|, negative where a mode grows."""
-        size = np.maximum(self.frequency, 1e-300)
-        ratio = -np.real(self.eigenvalue) / size
-        return np.where(np.abs(ratio) > ROUNDING, ratio, 0.0)
+        return _damping_ratio(self.eigenvalue)
+
+
+def _damping_ratio(eigenvalue: Complex[np.ndarray, "speed state"]) -> Float[np.ndarray, "speed state"]:
+    ratio = -np.real(eigenvalue) / np.maximum(np.abs(eigenvalue), 1e-300)
+    return np.where(np.abs(ratio) > ROUNDING, ratio, 0.0)
 
 
 class _InTime(NamedTuple):
@@ -130,8 +133,7 @@ class RotorInTime:
         found = self.matrices(speed_rpm)
         if found is None:
             return None
-        eigenvalue = np.linalg.eigvals(found.state_matrix)
-        return np.min(-np.real(eigenvalue) / np.maximum(np.abs(eigenvalue), 1e-300), axis=1)
+        return np.min(_damping_ratio(np.linalg.eigvals(found.state_matrix)), axis=1)
 
     def unbalance_response(self, speed_rpm: Float[np.ndarray, "speed"]) -> Complex[np.ndarray, "speed dof"] | None:
         """Motion of the disk under a unit unbalance, over Ω² [1/kg]; none as above."""

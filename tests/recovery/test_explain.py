@@ -28,7 +28,7 @@ from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.discovery.race import contender_of
 from rotorjax.discovery.search import SHOWS
 from rotorjax.effects import CATALOG
-from rotorjax.inference import kernels
+from rotorjax.inference import force_kernels, linear_kernels
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
 from rotorjax.reporting.comparison import step_labels
 from rotorjax.reporting.explanation import explanation_text, notes, sentence
@@ -208,9 +208,9 @@ def test_measurements_of_any_size_compile_once(monkeypatch):
     model, measurement, _ = hidden.sufficient(effects.MassError, seed=1)
     explain(model, measurement, thorough=False)
     traced = []
-    for name in ("linear_vectors", "force_slopes"):
-        whole = getattr(kernels, name)
-        monkeypatch.setattr(kernels, name, lambda *arguments, whole=whole: traced.append(1) or whole(*arguments))
+    for module, name in ((linear_kernels, "linear_vectors"), (force_kernels, "force_slopes")):
+        whole = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *arguments, whole=whole: traced.append(1) or whole(*arguments))
     other, second, _ = hidden.sufficient(
         effects.MassError, seed=2, machine=hidden.Machine(2.0, (2e5, 1.9e5), (0.02, 0.04))
     )

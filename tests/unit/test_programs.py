@@ -6,11 +6,13 @@ import pytest
 
 from rotorjax import effects
 from rotorjax.discovery.fit import Trial, fit_trials
+from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference import ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.kernels import Kernels
 from rotorjax.inference.programs import Compiled, Program, in_background
+from rotorjax.inference.space import make_space
 
 import hidden
 
@@ -47,7 +49,8 @@ def test_fits_of_terms_need_no_programs_but_those_made_ahead(monkeypatch):
     monkeypatch.setattr(Kernels, "warm", False)
     monkeypatch.setattr(Compiled, "make", lambda self, *rows: made.add(self.program))
     monkeypatch.setattr(ahead, "in_background", lambda job: job())
-    ahead.make_programs_of_terms_ahead(model, measurement)
+    space = make_space(model.with_orders(measurement.orders).in_company(CATALOG.values()), measurement.knowledge)
+    ahead.make_programs_ahead(space, measurement, missing_force=True)
     whole = Compiled.chunk
     monkeypatch.setattr(Compiled, "chunk", lambda self, *rows: needed.add(self.program) or whole(self, *rows))
     cubic = model.plus([TERMS["term_cubic_x"]()])
