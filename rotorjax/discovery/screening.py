@@ -17,7 +17,7 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
 from rotorjax.inference.data import largest_displacement
 from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
-from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, QUICK, Manner
+from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, Manner
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import WITH_AMPLITUDE
@@ -177,7 +177,8 @@ def beside_answer(
 ) -> tuple[Screened, list[Screened]]:
     """All linear effects with the costly ones of an answer, beside what is stated and beside changes, which do not go
     on where they promise a cost with which they are ``hopeless``; of a change with which the costly ones alone are not,
-    those alone: few values are found where many may lead astray. **Arguments:** ``contest`` of the answer.
+    those alone: few values are found where many may lead astray. The nearest go on to their end, as long as that is
+    within reach. **Arguments:** ``contest`` of the answer.
     """
     own, fitted = as_large_as_read(answer, contest, stated.change.contest), list[Screened]()
     level = screen(stated.change, noise, own, starts=[Start.at(own.best)], hopeless=hopeless)
@@ -189,6 +190,12 @@ def beside_answer(
             continue
         starts = one.change.begun_from(level, own)
         fitted.append(screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless))
+    for k in sorted(range(len(fitted)), key=lambda k: fitted[k].end.cost):
+        change, end = fitted[k]
+        if end.result == MAX_STEPS:
+            fitted[k] = screen(change, noise, answer, starts=[Start.at(end)], hopeless=hopeless)
+            if fitted[k].end.cost > hopeless:
+                break
     return level, fitted
 
 

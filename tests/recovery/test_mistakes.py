@@ -402,7 +402,9 @@ def test_a_weight_that_is_not_there_is_named_where_runout_would_stand_for_its_sa
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("seed", [31058, 31332, 31352, 31356, 31382, 31388, 31450, 31460, 31476, 31506, 31634, 31636])
+@pytest.mark.parametrize(
+    "seed", [31058, 31332, 31352, 31356, 31382, 31388, 31450, 31460, 31476, 31506, 31634, 31636, 31888]
+)
 def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     """Gains far from their scale make up for amplitudes read as half of what they are beside a clearance, or in mil
     beside a cubic spring where the noise is unknown; beside dry friction a phase reference half a turn off and an
@@ -410,7 +412,8 @@ def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     a strong cubic spring nothing makes up for a reversed probe, angles in the other sense or a weight on the opposite
     side, and no linear effect tells these apart; amplitudes in mil hold with more effects. Beside a crack
     cross-coupling and an asymmetric shaft stand for a wrong phase sign, and cross-coupling and an unbalance for an
-    asymmetric shaft that turns the other way.
+    asymmetric shaft that turns the other way. Beside dry friction a gain of a twenty-fifth stands for a wrong unit and
+    a phase reference that is off.
     """
     drawn, mistake = draw_with_mistake(seed)
     found = explain(drawn.model, drawn.measurement)
