@@ -29,7 +29,7 @@ from rotorjax.discovery.search import Selection, begin, change_by, noise_size, s
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
-from rotorjax.inference.ahead import make_programs_ahead
+from rotorjax.inference.ahead import make_programs_ahead, make_programs_of_a_missing_force_ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
@@ -92,7 +92,7 @@ def explain(  # noqa: PLR0913
     telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
     if contest.coupled & {*candidates, *(e.name for e in full.effects)}:
-        make_programs_ahead(contest.space, kept, missing_force=thorough)
+        make_programs_ahead(contest.space, kept)
     stated = _as_stated(contest, full)
     written = race_of_mistakes(contest, kinds, max_effects, catalog, told, always=mistakes is True)
     right, selection = _as_done(full, written.best, candidates, catalog, told)
@@ -160,6 +160,11 @@ def _answer(
     budget = selection.contest.budget
     left_out = ["mistakes in rig file and table"] if written.left_out else []
     stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
+    if thorough and _is_more_than_noise(noise_left(selection).allowance, selection.contest):
+        make_programs_of_a_missing_force_ahead(
+            model.with_orders(selection.contest.measurement.orders).in_company(CATALOG.values()),
+            selection.contest.measurement,
+        )
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.

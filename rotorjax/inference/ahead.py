@@ -11,11 +11,12 @@ from rotorjax.inference.linear_rotor import LinearRotor
 from rotorjax.inference.programs import in_background
 from rotorjax.inference.space import Space
 from rotorjax.inference.whirl_modes import RotorInTime
+from rotorjax.model.model import Model
 
 
-def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force: bool) -> None:
+def make_programs_ahead(space: Space, measurement: Measurement) -> None:
     """In the order in which they are needed, unless this process made an explanation like this before; nothing waits
-    for them here. **Arguments:** ``missing_force``: with those for a missing force and its terms, too.
+    for them here.
     """
     kernels, model = kernels_of(space), space.model
     if kernels.warm:
@@ -24,5 +25,8 @@ def make_programs_ahead(space: Space, measurement: Measurement, *, missing_force
     for maker in (first, RotorInTime(model).make, *others):
         in_background(maker)
     in_background(lambda: LinearRotor(model).make(measurement.conditions))
-    if missing_force:
-        in_background(lambda: ForceBalance(model).make(measurement.conditions))
+
+
+def make_programs_of_a_missing_force_ahead(model: Model, measurement: Measurement) -> None:
+    """Those of the balance of forces, and those that fit its terms."""
+    in_background(lambda: ForceBalance(model).make(measurement.conditions))

@@ -6,7 +6,6 @@ and whatever other effects are there, and are called only where one of their eff
 """
 
 import dataclasses
-from collections.abc import Collection
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -15,6 +14,7 @@ from jax import Array
 from jaxtyping import Complex, Float, Int
 
 from rotorjax.arrays import AnyArray
+from rotorjax.effects.terms import TERMS
 from rotorjax.inference.parts import Part
 from rotorjax.inference.programs import Compiled, compiled
 from rotorjax.inference.space import Space
@@ -55,7 +55,7 @@ class Forces(NamedTuple):
     fine: Compiled
 
     @classmethod
-    def of(cls, space: Space, names: Collection[str], orders: tuple[float, ...]) -> "Forces":
+    def of(cls, space: Space, names: frozenset[str], orders: tuple[float, ...]) -> "Forces":
         """Of the effects of these names."""
         part = Part.of(space, names, orders)
         model = part.space.model
@@ -67,8 +67,8 @@ class Forces(NamedTuple):
         )
         return cls(
             part,
-            compiled(_forces, bare, bare, BALANCED_CHUNK, often=True),
-            compiled(_fine_forces, bare, bare, BALANCED_CHUNK, often=True),
+            compiled(_forces, bare, bare, BALANCED_CHUNK, often=not names & TERMS.keys()),
+            compiled(_fine_forces, bare, bare, BALANCED_CHUNK),
         )
 
     @property

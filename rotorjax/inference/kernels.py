@@ -296,13 +296,13 @@ def _company(effects: Iterable[Effect]) -> list[type[Effect]]:
     return [cls for cls in TERMS.values() if not issubclass(cls, RestoringEffect)] if whole else []
 
 
-def _sources(effects: Iterable[Effect]) -> list[list[str]]:
+def _sources(effects: Iterable[Effect]) -> list[frozenset[str]]:
     """Names of the nonlinear forces of the catalogue, of the terms, and of others: a program each, the same whatever
     is beside it.
     """
     forces = [effect for effect in effects if isinstance(effect, RestoringEffect)]
     source = [0 if CATALOG.get(e.name) is type(e) else 1 if TERMS.get(e.name) is type(e) else 2 for e in forces]
-    return [[e.name for e, own in zip(forces, source, strict=True) if own == k] for k in sorted(set(source))]
+    return [frozenset(e.name for e, own in zip(forces, source, strict=True) if own == k) for k in sorted(set(source))]
 
 
 def _cells(vectors: Complex[np.ndarray, "*many probe order"]) -> Float[np.ndarray, "*many cell"]:
