@@ -161,10 +161,7 @@ def _answer(
     left_out = ["mistakes in rig file and table"] if written.left_out else []
     stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
     if thorough and _is_more_than_noise(noise_left(selection).allowance, selection.contest):
-        make_programs_of_a_missing_force_ahead(
-            model.with_orders(selection.contest.measurement.orders).in_company(CATALOG.values()),
-            selection.contest.measurement,
-        )
+        make_programs_of_a_missing_force_ahead(selection.contest.space.model, selection.contest.measurement)
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.
