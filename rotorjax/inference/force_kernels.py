@@ -65,11 +65,9 @@ class Forces(NamedTuple):
         bare = dataclasses.replace(
             model, layout=layout, probes=Probes(nothing, nothing, nothing), participation=nothing
         )
-        return cls(
-            part,
-            compiled(_forces, bare, bare, BALANCED_CHUNK, often=not names & TERMS.keys()),
-            compiled(_fine_forces, bare, bare, BALANCED_CHUNK),
-        )
+        often = not names & TERMS.keys()
+        slopes, fine = (compiled(kernel, bare, bare, BALANCED_CHUNK, often=often) for kernel in (_forces, _fine_forces))
+        return cls(part, slopes, fine)
 
     @property
     def warm(self) -> bool:

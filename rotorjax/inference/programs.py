@@ -69,7 +69,7 @@ class Program:
         """Whether it was called before."""
         return self._call is not None
 
-    def __call__(self, leaves: list[Any], *rows: np.ndarray | Array) -> tuple[Array, ...]:
+    def __call__(self, leaves: list[Any], *rows: np.ndarray) -> tuple[Array, ...]:
         """One chunk."""
         if self._call is not None:
             return self._call(leaves, *rows)
@@ -82,7 +82,7 @@ class Program:
                 return parts
         return self._call(leaves, *rows)
 
-    def _made(self, leaves: list[Any], *rows: np.ndarray | Array) -> Callable[..., tuple[Array, ...]]:
+    def _made(self, leaves: list[Any], *rows: np.ndarray) -> Callable[..., tuple[Array, ...]]:
         def kernel(leaves: list[Any], *rows: Array) -> tuple[Array, ...]:
             return self._kernel(jax.tree.unflatten(self._structure, leaves), *rows)
 
@@ -142,7 +142,7 @@ class Compiled(NamedTuple):
         """All rows."""
         return in_chunks(self.chunk, rows, self.size, warm=self.program.warm)
 
-    def chunk(self, *rows: np.ndarray | Array) -> tuple[Array, ...]:
+    def chunk(self, *rows: np.ndarray) -> tuple[Array, ...]:
         """As many rows as are evaluated together."""
         return self.program(self.leaves, *rows)
 

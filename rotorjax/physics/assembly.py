@@ -50,10 +50,9 @@ def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tup
     support = _add(Support(), *(e.support(point) for e in effects))
     turned, compliance = straight.turned(support.turn), Vector.of(support.compliance)
     # S (1 + F⁻¹ S)⁻¹, multiplied out.
-    through = Matrix.diagonal(compliance.x, compliance.y)
     size = 1.0 + product(turned.xx, compliance.x) + product(turned.yy, compliance.y)
     size += product(turned.determinant, product(compliance.x, compliance.y))
-    across = turned.determinant * Matrix.diagonal(through.yy, through.xx)
+    across = turned.determinant * Matrix.diagonal(compliance.y, compliance.x)
     return reciprocal(size) * (turned + across), compliance
 
 

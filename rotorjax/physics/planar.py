@@ -95,14 +95,6 @@ class Matrix:
     def __rmul__(self, factor: Any) -> "Matrix":
         return Matrix(*(product(factor, value) for value in (self.xx, self.xy, self.yx, self.yy)))
 
-    def __matmul__(self, other: "Matrix") -> "Matrix":
-        return Matrix(
-            product(self.xx, other.xx) + product(self.xy, other.yx),
-            product(self.xx, other.xy) + product(self.xy, other.yy),
-            product(self.yx, other.xx) + product(self.yy, other.yx),
-            product(self.yx, other.xy) + product(self.yy, other.yy),
-        )
-
     @property
     def determinant(self) -> Any:
         """xx yy - xy yx."""
