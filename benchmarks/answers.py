@@ -8,7 +8,7 @@ from scipy.special import stdtridf, stdtrit
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.probable import credible
-from rotorjax.discovery.search import none_left
+from rotorjax.discovery.ranking import none_left
 
 NORMAL_95, NORMAL_90 = 1.959964, 1.644854
 """Half of an interval of 95 % and of 90 % in standard deviations."""

@@ -23,10 +23,10 @@ from scipy.special import chdtrc
 
 from rotorjax import Measurement, Model, read_measurement, read_rig
 from rotorjax.compilation import spare_memory, use_double_precision
+from rotorjax.discovery.common_noise import settle
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, make_contest
 from rotorjax.discovery.force_shapes import Shape, shapes
 from rotorjax.discovery.missing_force import Balance, missing_force
-from rotorjax.discovery.race import settle
 from rotorjax.effects import CATALOG
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.force_balance import ForceBalance

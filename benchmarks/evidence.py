@@ -28,9 +28,9 @@ from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.data.files import write_whole
 from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.inference.budget import Budget
+from rotorjax.inference.descent_settings import CONVERGED
 from rotorjax.inference.evidence import left_open
 from rotorjax.inference.linearised import Linearisation, Point
-from rotorjax.inference.manner import CONVERGED
 from rotorjax.inference.motions import balanced
 from rotorjax.inference.prior import prior_at, together
 from rotorjax.inference.squares import squares_of
@@ -198,7 +198,7 @@ class Integrand:
         """Cost of the data; none where a motion is off balance."""
         costs: list[float | None] = []
         for one in self.lin.at(points, [np.zeros(0, int)] * len(points)):
-            steady = one.freedom is None or np.all(one.freedom.off <= 10.0 * TIGHT)
+            steady = one.response is None or np.all(one.response.off <= 10.0 * TIGHT)
             error = one.error
             fit = squares_of(self.data, error, np.zeros((*error.shape, 0)), self.contest.training)
             costs.append(fit.cost if steady and one.finite else None)
@@ -257,8 +257,8 @@ def by_nested_sampling(integrand: Integrand, rng: np.random.Generator) -> Integr
         which = drawn[count:].astype(int) if optima > 1 else np.zeros(1, int)
         return float(integrand(drawn[None, :count], which)[0, 0])
 
-    manner = {"sample": "unif", "bootstrap": 0} if count <= FEW else {"sample": "rwalk"}
-    sampler = dynesty.NestedSampler(one_by_one, drawn, count + (optima > 1), nlive=LIVE, rstate=rng, **manner)
+    settings = {"sample": "unif", "bootstrap": 0} if count <= FEW else {"sample": "rwalk"}
+    sampler = dynesty.NestedSampler(one_by_one, drawn, count + (optima > 1), nlive=LIVE, rstate=rng, **settings)
     sampler.run_nested(dlogz=0.1, print_progress=False)
     return Integral(float(sampler.results.logz[-1]), float(sampler.results.logzerr[-1]))
 

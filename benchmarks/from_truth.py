@@ -21,7 +21,7 @@ from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.race import contender_of, race
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.descent import Start, descend
-from rotorjax.inference.manner import THOROUGH
+from rotorjax.inference.descent_settings import THOROUGH
 from rotorjax.inference.noise import Noise
 
 from detailed.case import Case
@@ -83,7 +83,7 @@ def _from_truth(
         start = Start(_at_truth(contest, effects, fitted[effects].best.point, values))
         data = contest.data(noise, start.point)
         mask, counted = contest.free(effects)[None], contest.training[None]
-        ends = descend(contest.space, data, [start], mask, counted, budget=contest.budget, manner=THOROUGH)
+        ends = descend(contest.space, data, [start], mask, counted, budget=contest.budget, settings=THOROUGH)
         fitted[effects] = contender_of(contest, effects, [*fitted[effects].ends, *ends], noise)
     return fitted
 

@@ -42,8 +42,8 @@ from rotorjax.effects.terms import TERMS
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, Start, best_of, descend, starts_at
+from rotorjax.inference.descent_settings import QUICK, THOROUGH, DescentSettings
 from rotorjax.inference.linearised import Linearisation
-from rotorjax.inference.manner import QUICK, THOROUGH, Manner
 from rotorjax.inference.motions import first_motions
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.prediction import predict
@@ -59,7 +59,7 @@ from hidden import Plan
 Truth = Mapping[str, Mapping[str, float]]
 """Effect -> label -> value in SI."""
 
-OPTIMISER = ("manner", "motions", "levenberg_marquardt", "descent", "scan")
+OPTIMISER = ("descent_settings", "motions", "levenberg_marquardt", "descent", "scan")
 """Modules of `rotorjax.inference` that say how a fit goes on."""
 EFFECT_SEEDS, FORCE_SEEDS = (126, 300, 313, 513, 563, 584, 682, 781, 1356), (205, 425)
 RESTORING = tuple(name for name, cls in CATALOG.items() if issubclass(cls, RestoringEffect))
@@ -118,12 +118,14 @@ def from_truth(
 
 
 def _descended(
-    contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, manner: Manner
+    contest: Contest, noise: Noise, free: np.ndarray, starts: list[Start], kept: np.ndarray, settings: DescentSettings
 ) -> Reached:
     """Descents on all cases; unknowns that are not free are kept at a point."""
     space, data, budget = contest.space, contest.data(noise, kept), Budget()
     training = np.tile(contest.training, (len(starts), 1))
-    return Reached(descend(space, data, starts, free, training, budget=budget, kept=kept, manner=manner), budget.spent)
+    return Reached(
+        descend(space, data, starts, free, training, budget=budget, kept=kept, settings=settings), budget.spent
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -410,12 +412,16 @@ def total(rows: list[dict | None]) -> list[str]:
 
 
 def steering() -> list[str]:
-    """The numbers that steer a fit: constants of the optimiser's modules, and what its two manners are made of."""
+    """The numbers that steer a fit: constants of the optimiser's modules, and what its two settings are made of."""
     found = []
     for module in OPTIMISER:
         imported = importlib.import_module(f"rotorjax.inference.{module}")
         for node in ast.walk(ast.parse(inspect.getsource(imported))):
-            if module == "manner" and isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Constant):
+            if (
+                module == "descent_settings"
+                and isinstance(node, ast.AnnAssign)
+                and isinstance(node.value, ast.Constant)
+            ):
                 found += [ast.unparse(node.target)] if type(node.value.value) in (int, float) else []
             elif isinstance(node, ast.Assign) and (name := ast.unparse(node.targets[0])).isupper():
                 found += [name] if isinstance(vars(imported).get(name), int | float | np.ndarray) else []

@@ -1,6 +1,6 @@
 """Arrays on either side of compiled code, and what their axes are called.
 
-Shape names used in annotations throughout the package, and nothing else:
+Shape names used in annotations throughout the package (a name used in one function only says what it counts):
 
 ======== ==========================================================
 case     one operating condition: a run at a speed (one reading)
@@ -19,6 +19,22 @@ sample   one training case, or one sample of a record
 feature  input of a network: f1, f2, f3, f4
 target   output of a network: U_x, U_y, s_x, s_y
 hidden   neuron of a network's hidden layer
+row      one evaluation of compiled code: unknowns at a case
+column   unknown by which a slope is taken
+cell     real or imaginary part of one probe at one order, in a row
+coefficient
+         of a motion: order 0, then real and imaginary part of others
+wide     the same of a motion with more orders
+motion   coefficients of both directions in a row
+equation balance of forces at one coefficient and direction
+unknown  what is solved for
+instant  shaft angle at which forces are evaluated
+state    a motion that is fitted: every case, then each slow roll
+near     some of the cases, by their numbers
+common   error that several vectors have in common
+part     unknown of one group that is averaged over together
+own      parameter of the effects that a program knows
+step     of a history, or in time
 ======== ==========================================================
 """
 

@@ -60,11 +60,11 @@ def attempt(function: Function, name: str, payload: Any) -> Outcome:
     try:
         row, failure = json.dumps(function(payload), allow_nan=False), None
     except Exception as error:  # whatever it is, the other cases go on
-        row, failure = None, _told(error)
+        row, failure = None, _message(error)
     return Outcome(name, row, failure, time.monotonic() - began)
 
 
-def _told(error: Exception) -> str:
+def _message(error: Exception) -> str:
     """An exception that nobody foresaw in one line, with the place that raised it."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     told = f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno}, in {last.name})"

@@ -204,7 +204,8 @@ def _sizes(found: Explanation, rig: Rig) -> dict[str, Any]:
         }
         for e in own
     ]
-    words = [f"{plain_name(s.effect)}: {s.what} {s.value}" for s in sizes(fitted, found.effects, rig.convention)]
+    convention = rig.put_right(found.mistake).convention
+    words = [f"{plain_name(s.effect)}: {s.what} {s.value}" for s in sizes(fitted, found.effects, convention)]
     return {"sizes": told, "sizes_in_words": words}
 
 

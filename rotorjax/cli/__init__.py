@@ -102,7 +102,7 @@ def _explain_many(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("source", type=Path, metavar="FOLDER|LIST.csv", help=what)
     what = "results, one row per table: .parquet, .sqlite or .csv"
     sub.add_argument("--output", type=Path, required=True, metavar="FILE", help=what)
-    sub.add_argument("--html", type=Path, metavar="FILE.html", help="write an overview, first what needs attention")
+    sub.add_argument("--report", type=Path, metavar="FILE.html", help="write an overview, first what needs attention")
     sub.add_argument("--reports", type=Path, metavar="DIR", help="write a report of every table into this folder")
     what = "so many processes at one time (default: one per processor)"
     sub.add_argument("--workers", type=int, metavar="N", help=what)

@@ -13,7 +13,7 @@ LINE = 100
 _HEADERS = ("family", "effect", "what it is")
 
 
-def effect_told(name: str | None, width: int | None) -> str:
+def effect_text(name: str | None, width: int | None) -> str:
     """The catalogue, the page of an effect, or the effects whose name, meaning or synonyms have a word.
 
     **Errors.** `InputError` with the nearest name for a word that finds nothing, or looks like a mistake in a name.

@@ -47,7 +47,7 @@ def compare(options: argparse.Namespace) -> None:
     _hand_over(
         options,
         rig,
-        comparison_text(story, rig.convention, width=terminal_width()),
+        comparison_text(story, rig.put_right(mistake).convention, width=terminal_width()),
         story.final_model,
         comparison_json(story),
         story,
@@ -186,9 +186,9 @@ def simulate(options: argparse.Namespace) -> None:
 
 def effects(options: argparse.Namespace) -> None:
     """The catalogue, or one page of it, or what a word finds in it."""
-    from rotorjax.cli.catalogue import effect_told
+    from rotorjax.cli.catalogue import effect_text
 
-    say(effect_told(options.name, terminal_width()))
+    say(effect_text(options.name, terminal_width()))
 
 
 def paper(options: argparse.Namespace) -> None:

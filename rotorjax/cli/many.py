@@ -46,7 +46,7 @@ def explain_many(options: argparse.Namespace) -> None:
         from rotorjax.batch.runner import run
         from rotorjax.batch.store import Store
 
-        written = [options.output, kept, *filter(None, [options.html, options.reports])]
+        written = [options.output, kept, *filter(None, [options.report, options.reports])]
         found = pairs(options.source if options.cluster is None else options.source.resolve(), written)
         executor = _executor(options)
         with Store(kept, _configuration(options), list(COLUMNS)) as store:
@@ -74,8 +74,8 @@ def _check(options: argparse.Namespace) -> None:
         with refusals(f"--reports {options.reports}", cure="name a folder"):
             if options.reports.resolve().exists() and not options.reports.is_dir():
                 raise InputError(f"--reports {options.reports}: is a file; name a folder")
-    if options.html is not None and options.html.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--html {options.html}: name a file that ends in .html")
+    if options.report is not None and options.report.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--report {options.report}: name a file that ends in .html")
     for flag in ("only", "exclude"):
         setattr(
             options,
@@ -163,10 +163,10 @@ def progress_text(progress: "Progress") -> str:
 
 
 def _overview(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
-    if options.html is not None:
+    if options.report is not None:
         from rotorjax.batch.overview import overview
 
-        write_whole(options.html, overview(rows, title=f"{options.source}: explained", folder=options.html.parent))
+        write_whole(options.report, overview(rows, title=f"{options.source}: explained", folder=options.report.parent))
 
 
 def _summary(options: argparse.Namespace, rows: list[dict[str, Any]], progress: "Progress") -> str:
@@ -183,6 +183,6 @@ def _summary(options: argparse.Namespace, rows: list[dict[str, Any]], progress: 
     if len(failures) > MOST_FAILURES:
         lines.append(f"- and {len(failures) - MOST_FAILURES} more failures, with their messages in the results")
     places = [f"Results: {options.output}"]
-    places += [f"overview: {options.html}"] if options.html else []
+    places += [f"overview: {options.report}"] if options.report else []
     places += [f"reports: {options.reports}"] if options.reports else []
     return wrapped("\n".join([*lines, "; ".join(places)]), terminal_width())

@@ -31,6 +31,6 @@ def serve(options: argparse.Namespace) -> None:
     server.serve(
         options.port,
         limits,
-        told=lambda address: say(f"{address} (drop your files there; Ctrl-C ends it)"),
+        on_start=lambda address: say(f"{address} (drop your files there; Ctrl-C ends it)"),
         open_browser=options.open,
     )

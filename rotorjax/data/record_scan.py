@@ -64,7 +64,7 @@ def scan(recording: Recording, waveform: Waveform, *, rate_hz: float | None, pro
     pulses: list[np.ndarray] = []
     trigger: Trigger | None = None
     with_name = f"{recording.path}: channel {recording.names[channels.reference]!r} (phase reference)"
-    progress(f"reading {recording.path.name}, {_told(size)}")
+    progress(f"reading {recording.path.name}, {_size_text(size)}")
     try:
         for piece in _pieces(recording, waveform, channels, checks):
             time, reference, _ = piece
@@ -75,7 +75,7 @@ def scan(recording: Recording, waveform: Waveform, *, rate_hz: float | None, pro
             held = [piece] if checks.samples == len(time) else []
             if not held:
                 share = f", {checks.samples / recording.lengths[0]:.0%} of it" if recording.lengths else ""
-                progress(f"reading {recording.path.name}, {_told(size)}{share}: {checks.samples} samples")
+                progress(f"reading {recording.path.name}, {_size_text(size)}{share}: {checks.samples} samples")
         checks.close()
         marks = np.concatenate(pulses)
         assert trigger is not None
@@ -89,7 +89,7 @@ def scan(recording: Recording, waveform: Waveform, *, rate_hz: float | None, pro
     return Scan(recording, tuple(waveform.probes), found, trigger.edge_error, checks.step, checks.samples, again)
 
 
-def _told(size: int) -> str:
+def _size_text(size: int) -> str:
     """Size of a file."""
     for unit, name in ((1e9, "GB"), (1e6, "MB")):
         if size >= unit:

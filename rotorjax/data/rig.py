@@ -120,6 +120,16 @@ class Rig:
             "    bow = { magnitude_mm = 0.0, angle_deg = 0.0 }"
         )
 
+    def put_right(self, mistake: Mistake | None) -> "Rig":
+        """The same with the conventions that the file should state: as a model beside this mistake is to be read."""
+        if mistake is None:
+            return self
+        document, _ = put_right(self.text, mistake)
+        stated = tomlkit.loads(tomlkit.dumps(document)).unwrap().get("convention", {})
+        names = (field.name for field in dataclasses.fields(Convention))
+        convention = Convention(**{name: stated[name] for name in names if name in stated})
+        return dataclasses.replace(self, convention=convention)
+
     def write(self, path: str | Path, model: Model, mistake: Mistake | None = None) -> bool:
         """Write this rig file with the effects of another model, everything else as the user wrote it.
 

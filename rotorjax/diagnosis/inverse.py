@@ -68,7 +68,7 @@ def diagnose(
         raise ValueError(f"reference run {missing[0]!r} is not in the table, which has {', '.join(measurement.runs)}")
     whole = model if isinstance(model, Model) else Model(model)
     measurement.require_layout(whole.layout)
-    full = whole.with_orders(measurement.orders).in_company(
+    full = whole.with_orders(measurement.orders).with_null_effects(
         CATALOG[name] for name in {u.effect for u in measurement.knowledge.uncertain}
     )
     solutions, fitted = solve(make_space(full, measurement.knowledge), measurement)

@@ -14,7 +14,7 @@ from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import Scored, race, score
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.screening import HALVED, Change, Screened, beside_answer, beside_forces_of, screen
-from rotorjax.discovery.search import Selection, begin, retold, select, with_set
+from rotorjax.discovery.search import Selection, begin, select, with_answer, with_set
 from rotorjax.discovery.ties import Ties, noise_left
 from rotorjax.inference.descent import HOPELESS
 from rotorjax.inference.noise import Noise, is_large
@@ -80,7 +80,7 @@ class MistakeRace(NamedTuple):
     tried: bool = True
     """Whether changes of what is stated took part."""
     cut_off: tuple[Mistake, ...] = ()
-    """Those whose search was ended, as it took as long as that for the answer."""
+    """Those that were not searched to the end, as the linearisations allowed for them were spent."""
     left_out: bool = False
     """Whether the linearisations ran out before changes that may do as well as the answer were searched."""
 
@@ -244,8 +244,11 @@ def with_near(
     reaches = [_Reach.of(first, noise)]
     for one in near:
         budget = one.change.contest.budget
-        if budget.exhausted or (holds and not all(reach.holds(one) for reach in reaches)):
+        if holds and not all(reach.holds(one) for reach in reaches):
             break
+        if budget.exhausted:
+            cut_off += [one.change.mistake] if one.change.mistake is not None else []
+            continue
         before = budget.spent
         with budget.share(share):
             again = holds or missed is None or missed.mistake != one.change.mistake
@@ -280,7 +283,7 @@ def _as_stated_too(found: list[Answer]) -> list[Answer]:
     likely = score(own.contest, there, answer.noise)
     if best.scored.lead(likely) > TIE:
         return []
-    return [Answer(None, retold(own, effects, fitted), 0.0, likely, own.contest.misfit_left(there), cut_off=False)]
+    return [Answer(None, with_answer(own, effects, fitted), 0.0, likely, own.contest.misfit_left(there), cut_off=False)]
 
 
 def searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Answer | None:
@@ -293,7 +296,7 @@ def searched(one: Screened, most: int, progress: Progress, *, holds: bool = Fals
     begun = begin(change.contest, known=change.known)
     if one.may_hold:
         begun = with_set(begun, most, {one.beside: one.end})
-        if holds and one.beside and begun.contest.tried_exactly and not begun.holds:
+        if holds and one.beside and begun.contest.tries_table_noise and not begun.holds:
             return None
     selection = select(begun, most)
     return Answer.of(change.mistake, selection, change.log_odds, cut_off=change.contest.budget.exhausted)

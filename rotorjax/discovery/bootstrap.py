@@ -10,7 +10,7 @@ from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.inference.curvature import solved
 from rotorjax.inference.data import Data
 from rotorjax.inference.descent import End, Start, descend
-from rotorjax.inference.manner import QUICK
+from rotorjax.inference.descent_settings import QUICK
 from rotorjax.inference.noise import Noise
 from rotorjax.inference.squares import squares_of
 
@@ -84,7 +84,7 @@ def _refitted(
         budget=contest.budget,
         kept=contender.best.point,
         shift=shifts,
-        manner=QUICK,
+        settings=QUICK,
     )
 
 

@@ -106,7 +106,7 @@ class Contest:
         return self.free(frozenset(self.candidates) - self.costly)
 
     @property
-    def tried_exactly(self) -> bool:
+    def tries_table_noise(self) -> bool:
         """Whether there is anything to be tried under the noise of the table alone: it is known, and no misfit is known
         to be there that may not come from nonlinear forces.
         """
@@ -217,7 +217,7 @@ def make_contest(
     """
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     classes = {name: CATALOG[name] for name in uncertain if name in CATALOG} | dict(catalog)
-    full = model.with_orders(measurement.orders).in_company(classes.values())
+    full = model.with_orders(measurement.orders).with_null_effects(classes.values())
     space = make_space(full, measurement.knowledge)
     possible = tuple(
         name for name in catalog if name in set(candidates) and name not in model and name not in uncertain

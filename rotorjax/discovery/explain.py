@@ -23,13 +23,13 @@ from rotorjax.discovery.named_force import NamedForce, name_force, other_force, 
 from rotorjax.discovery.next_measurement import Proposal, next_measurement
 from rotorjax.discovery.own_effects import check_catalog
 from rotorjax.discovery.polished import fit_of, fits_of_steps
-from rotorjax.discovery.progress import Progress, Telling
+from rotorjax.discovery.progress import Progress, ProgressReporter
 from rotorjax.discovery.screening import as_stated
 from rotorjax.discovery.search import Selection, begin, change_by, noise_size, select, with_set
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
-from rotorjax.inference.ahead import make_programs_ahead, make_programs_of_a_missing_force_ahead
+from rotorjax.inference.ahead import make_programs_ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
@@ -65,7 +65,7 @@ def explain(  # noqa: PLR0913
     """Find which effects a model lacks.
 
     Every effect of the catalogue is fitted beside what the user declared uncertain, and "none" with them; the evidence
-    (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added while "none" has a probability below 5 %.
+    (MacKay 1992, Neural Comput. 4:415-447) ranks them; the best is added if it is 19 times as probable as "none".
 
     **Arguments:** ``model``; ``measurement``; ``max_effects`` to add; ``only`` these effects may be missing, or all but
     those in ``exclude``; ``mistakes``: whether changes of what rig file and table state are in the race
@@ -74,8 +74,9 @@ def explain(  # noqa: PLR0913
     by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
     count for the verdict, and the missing force, looked at where nothing explains and compared with what was found
     elsewhere; ``limit``: single cases that may be linearised, the last 50,000 of them (a tenth at most) for the missing
-    force alone; where it is reached the verdict is "undecided" or "unexplained", with what was not tried; ``progress``:
-    called with a line of text at every stage, and while it goes on.
+    force, and up to 20,000 of these for the fits that are shown; where it is reached the verdict is "undecided" or
+    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage, and while it goes
+    on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes or planes.
     """
@@ -88,15 +89,15 @@ def explain(  # noqa: PLR0913
         candidates, kinds = [], []  # a gain of zero would explain it all
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    telling = Telling(progress, limit)
-    telling.budget.reserve(FOR_THE_FORCE if thorough else 0)
-    contest, told = make_contest(full, kept, candidates, catalog, telling.budget), telling.stage
+    reporter = ProgressReporter(progress, limit)
+    reporter.budget.reserve(FOR_THE_FORCE if thorough else 0)
+    contest, progress = make_contest(full, kept, candidates, catalog, reporter.budget), reporter.stage
     if contest.coupled & {*candidates, *(e.name for e in full.effects)}:
         make_programs_ahead(contest.space, kept)
     stated = _as_stated(contest, full)
-    written = race_of_mistakes(contest, kinds, max_effects, catalog, told, always=mistakes is True)
-    right, selection = _as_done(full, written.best, candidates, catalog, told)
-    return _answer(right, stated, written, selection, undriven, catalog, thorough, told)
+    written = race_of_mistakes(contest, kinds, max_effects, catalog, progress, always=mistakes is True)
+    right, selection = _as_done(full, written.best, candidates, catalog, progress)
+    return _answer(right, stated, written, selection, undriven, catalog, thorough, progress)
 
 
 def _candidates(
@@ -160,8 +161,6 @@ def _answer(
     budget = selection.contest.budget
     left_out = ["mistakes in rig file and table"] if written.left_out else []
     stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
-    if thorough and _is_more_than_noise(noise_left(selection).allowance, selection.contest):
-        make_programs_of_a_missing_force_ahead(selection.contest.space.model, selection.contest.measurement)
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.
@@ -275,7 +274,7 @@ def _outside_the_catalogue(
     known = selection.contest.measurement.sigma is not None
     if (not selection.effects and known) or not stages.go("whether a force outside the catalogue would do as well"):
         return None, verdict
-    named = other_force(first, last, selection.effects, doubtful=bool(last.objections(selection.effects)))
+    named = other_force(first, last, selection.effects, catalog, doubtful=bool(last.objections(selection.effects)))
     named = named or other_power(first, last, selection.effects)
     stages.ended("whether a force outside the catalogue would do as well")
     return named, verdict if named is None else "undecided"

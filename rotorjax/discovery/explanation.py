@@ -7,20 +7,19 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from rotorjax.arrays import numpy_pair
 from rotorjax.data.declarations import Mistake
 from rotorjax.discovery.answers import MistakeRace
 from rotorjax.discovery.bootstrap import PValue
+from rotorjax.discovery.common_noise import Race
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.probable import Probable, probable
-from rotorjax.discovery.race import Race
-from rotorjax.discovery.search import Ranked, may_be_missing, showing
+from rotorjax.discovery.ranking import Ranked, may_be_missing, showing
 from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
-from rotorjax.inference.noise import Noise
+from rotorjax.inference.noise import Noise, reduced_chi2
 from rotorjax.model.contract import Effect
 from rotorjax.model.model import Model
 from rotorjax.shown import Reported
@@ -175,13 +174,12 @@ class Explanation(Reported):
         }
 
     def chi2(self, ranked: Ranked) -> float | None:
-        """Squared residual of a contender in the table's squared standard errors per degree of freedom; none where they
-        are unknown.
+        """Squared residual of a contender in squared standard errors per degree of freedom, as in the fits of the
+        story; none where the table's are unknown.
         """
         measurement, end = self.contest.measurement, ranked.contender.best
-        if measurement.sigma is None:
-            return None
-        weight = measurement.weights(0.0)
-        freedom = int(np.count_nonzero(weight)) - len(end.free)
-        errors = weight * numpy_pair(end.shown - measurement.half_order_sign(end.shown) * measurement.vectors)
-        return float(np.sum(errors**2)) / freedom if freedom > 0 else None
+        residual = measurement.half_order_sign(end.shown) * measurement.vectors - end.shown
+        scatter = Noise(0.0, self.contest.floor.scatter)
+        return reduced_chi2(
+            measurement, self.contest.space.model_at(end.point), residual, fitted=len(end.free), noise=scatter
+        )

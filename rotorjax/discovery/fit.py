@@ -21,6 +21,7 @@ from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data, make_data, make_folds, residual_vectors
 from rotorjax.inference.descent import End, Start, descend, starts_at
+from rotorjax.inference.descent_settings import CONVERGED, NOT_FINITE, RESULT_TEXT
 from rotorjax.inference.estimates import (
     NORMAL_QUANTILE,
     Estimate,
@@ -28,7 +29,6 @@ from rotorjax.inference.estimates import (
     independent_parts,
     robust_covariance,
 )
-from rotorjax.inference.manner import CONVERGED, NOT_FINITE, RESULT_TEXT
 from rotorjax.inference.noise import (
     NO_SCATTER,
     Noise,
@@ -225,7 +225,7 @@ def _stage(
     own = {e.name: type(e) for e in everything.effects}
     # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.
     classes = CATALOG | (TERMS if own.keys() & TERMS.keys() else {}) | own
-    full = model.with_orders(measurement.orders).in_company(classes.values())
+    full = model.with_orders(measurement.orders).with_null_effects(classes.values())
     space = make_space(full, measurement.knowledge)
     keep = frozenset({e.name for e in model.effects} | uncertain)
     return Stage(space, measurement, names, space.free(list(names), fixed), keep, Budget())

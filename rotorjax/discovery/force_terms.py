@@ -100,12 +100,12 @@ class _Fitted(NamedTuple):
         return math.isfinite(self.chi2) and all(pushes)
 
 
-def _fit(balance: Balance, yielding: list[Entry], own: list[Entry]) -> _Fitted:
+def _fit(balance: Balance, nuisance: list[Entry], own: list[Entry]) -> _Fitted:
     """Least change of the measured vectors, in standard errors, that balances R + Σ θ column = 0: Gauss-Newton in θ.
 
     The change is (slopes + Σ θ column slopes)⁻¹ times what is left: the terms too move with the vectors.
     """
-    columns = [c for _, several in [*own, *yielding] for c in several]
+    columns = [c for _, several in [*own, *nuisance] for c in several]
     error = np.stack([balance.error, *(c.error for c in columns)], axis=-1)
     slopes = np.stack([c.slopes for c in columns], axis=-1) if columns else np.zeros((*balance.slopes.shape, 0))
     factors, best = np.zeros(len(columns)), _Fitted(own, np.zeros(len(columns)), math.inf)
@@ -172,7 +172,8 @@ def answers(
         pairs += [f for which in range(2) for f in search.finer(leader, [leader.own[1 - which]], which)]
     if not (answer := search.answer(singles, pairs)):
         return []
-    held = [(_holding(found, axis),) for axis in found.held] if len(answer) < most else []
+    held = [(one,) for axis in found.held if (one := _holding(found, axis)).term in catalog]
+    held = held if len(answer) < most else []
     return [answer, *held, *search.others(answer, singles, most - 1 - len(held))]
 
 
@@ -201,13 +202,13 @@ class _Search:
         self._forces = ForceBalance(
             found.model.plus([catalog[name]() for name in sorted({shape.term for shape in tried})])
         )
-        self._yielding = self._entries(_yielding(found, fitted))
+        self._nuisance = self._entries(_nuisance(found, fitted))
         every = self._entries(tried)
         self.pool = [entry for entry in every if self._matters(entry, LEAST_TOUCHED)]
         self._seldom = [
             entry for entry in every if not self._matters(entry, LEAST_TOUCHED) and self._matters(entry, SELDOM_TOUCHED)
         ]
-        self.none = _fit(balance, self._yielding, [])
+        self.none = _fit(balance, self._nuisance, [])
         self.unit = math.inf
         """Chi-square per number left over, by the best of all."""
 
@@ -243,7 +244,7 @@ class _Search:
 
     def fits(self, sets: list[list[Entry]]) -> list[_Fitted]:
         """Those that are allowed; the unit becomes what the best one leaves."""
-        done = [fitted for several in sets if (fitted := _fit(self._balance, self._yielding, several)).allowed()]
+        done = [fitted for several in sets if (fitted := _fit(self._balance, self._nuisance, several)).allowed()]
         if done:
             left = min(f.chi2 / max(1, self._balance.numbers - f.unknowns) for f in done)
             self.unit = min(self.unit, max(left, 1.0 if self._balance.known else TINY))
@@ -269,7 +270,7 @@ class _Search:
             first, second = sorted(
                 two.own, key=lambda entry: self.cost(alone[id(entry[0])]) if id(entry[0]) in alone else math.inf
             )
-            path += [_fit(self._balance, self._yielding, own) for own in ([first], [first, second])]
+            path += [_fit(self._balance, self._nuisance, own) for own in ([first], [first, second])]
         elif self._counts(self.none, one):
             path += [one]
         count = len(path) - 1
@@ -359,7 +360,7 @@ def unseen(term: str) -> Candidate:
     return Candidate(term, words, words, scanned, {}, False, 0.0, 0.0, ())
 
 
-def _yielding(found: MissingForce, fitted: Collection[str]) -> list[Shape]:
+def _nuisance(found: MissingForce, fitted: Collection[str]) -> list[Shape]:
     """Every parameter of these effects of the model by itself."""
     layout, rotor = found.model.layout, found.model.rotor
     effects = [

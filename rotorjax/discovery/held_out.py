@@ -11,12 +11,13 @@ from jaxtyping import Bool
 
 from rotorjax.discovery.contest import Contest, Effects, Known
 from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of
-from rotorjax.discovery.search import NOTHING, PRICE, Selection
+from rotorjax.discovery.ranking import PRICE
+from rotorjax.discovery.search import NOTHING, Selection
 from rotorjax.discovery.ties import Ties
 from rotorjax.inference.data import make_folds, residual_vectors
 from rotorjax.inference.descent import End, Start, best_of, descend
+from rotorjax.inference.descent_settings import QUICK
 from rotorjax.inference.influence import CLEAR, influenced
-from rotorjax.inference.manner import QUICK
 from rotorjax.inference.noise import Noise
 
 
@@ -38,7 +39,7 @@ def held_out(contest: Contest, selection: Selection, ties: Ties) -> HeldOut:
     folds, reason = make_folds(contest.measurement, np.einsum("cmp,cmq->cpq", final.local.slopes, final.local.slopes))
     if not len(folds):
         return HeldOut((None,) * len(selection.races), reason)
-    near = _near(contest, selection, ties)
+    near = _near(selection, ties)
     known, small = {**selection.known, **ties.raced}, frozenset(selection.small)
     last = _Folds(contest, known, selection.present, selection.races[-1].noise, folds)
     chosen = last.choose([near] * len(folds), _pruned)
@@ -52,7 +53,7 @@ def held_out(contest: Contest, selection: Selection, ties: Ties) -> HeldOut:
     return HeldOut((*errors, last.error(chosen)), "")
 
 
-def _near(contest: Contest, selection: Selection, ties: Ties) -> list[Effects]:
+def _near(selection: Selection, ties: Ties) -> list[Effects]:
     """The answer, its parts, and what comes near it on the whole data: beside it, and in the place of parts of it."""
     answer, race = selection.present, selection.races[-1]
     parts = [
@@ -144,7 +145,9 @@ class _Folds:
             np.stack([cases for *_, cases in tasks]),
         )
         starts = [start for _, start, _ in tasks]
-        return descend(self.contest.space, self.data, starts, masks, training, budget=self.contest.budget, manner=QUICK)
+        return descend(
+            self.contest.space, self.data, starts, masks, training, budget=self.contest.budget, settings=QUICK
+        )
 
     def _starts(self, effects: Effects) -> list[Start]:
         """Optima on all data to begin with: of the same set, or of the nearest one."""

@@ -1,7 +1,7 @@
 """A fit under the noise that it leaves: the table's, and the misfit that has to be added to it, inferred along.
 
 Fit and misfit alternate until the misfit allowed for is the one found. Sets of effects that race do so under one noise,
-that of their winner (`rotorjax.discovery.race.settle`).
+that of their winner (`rotorjax.discovery.common_noise.settle`).
 """
 
 import math
@@ -51,8 +51,8 @@ class Round(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether it needs no allowance."""
-        return self.allowance == self.misfit == 0.0
+        """Whether it needs no allowance, and its motions balance."""
+        return self.best.exact and self.allowance == self.misfit == 0.0
 
     @property
     def minus_log_posterior(self) -> float:
@@ -122,8 +122,13 @@ def fitted_rounds(stage: Stage, own: list[Start] | None = None, ahead: Ahead | N
 
 
 def likeliest(rounds: list[Round]) -> Round:
-    """The one whose cost is finite, with no misfit if there is one, by posterior density."""
-    return min(rounds, key=lambda one: (not math.isfinite(one.best.cost), one.misfit > 0.0, one.minus_log_posterior))
+    """The one whose cost is finite and whose motions balance, with no misfit if there is one, by posterior density."""
+    return min(
+        rounds,
+        key=lambda one: (
+            not math.isfinite(one.best.cost), not one.best.exact, one.misfit > 0.0, one.minus_log_posterior
+        ),
+    )  # fmt: skip
 
 
 def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float = math.inf) -> Round:

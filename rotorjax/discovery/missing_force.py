@@ -15,7 +15,7 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
 from rotorjax.discovery.force_shapes import Reach
 from rotorjax.inference.force_balance import ForceBalance
-from rotorjax.inference.linear_rotor import LinearRotor, Sight
+from rotorjax.inference.linear_rotor import LinearRotor, ProbeMap
 from rotorjax.model.contract import WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.harmonic_balance import Grid, grid_of
@@ -147,7 +147,7 @@ def missing_force(model: Model, measurement: Measurement, noise_allowance: float
     return dataclasses.replace(shown, held=_held(balance, covariance, sight.free))
 
 
-def _seen(sight: Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "case order"], Bool[np.ndarray, "case"]]:
+def _seen(sight: ProbeMap, measurement: Measurement) -> tuple[Bool[np.ndarray, "case order"], Bool[np.ndarray, "case"]]:
     """Which orders the probes see in both directions, and the cases with such orders and none seen in one direction
     only.
     """
@@ -161,7 +161,7 @@ def _seen(sight: Sight, measurement: Measurement) -> tuple[Bool[np.ndarray, "cas
 def _motion(
     rotor: LinearRotor,
     measurement: Measurement,
-    sight: Sight,
+    sight: ProbeMap,
     seen: Bool[np.ndarray, "case order"],
     allowance: float,
     grid: Grid,

@@ -22,11 +22,11 @@ from rotorjax.discovery.answers import (
     searched,
     with_near,
 )
+from rotorjax.discovery.common_noise import under_table_noise
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.race import exactly
 from rotorjax.discovery.screening import Change, Screened, as_stated, of_what_fails
-from rotorjax.discovery.search import NOTHING, Begun, begin, select, with_set
+from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, with_set
 from rotorjax.discovery.ties import settled
 from rotorjax.inference.noise import NO_NOISE
 from rotorjax.model.contract import Effect, Family
@@ -99,7 +99,7 @@ def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
 
 def _screened(
     contest: Contest, changes: list[Change], most: int, progress: Progress
-) -> tuple[Begun, Screened | None, list[Screened], list[Screened]]:
+) -> tuple[SearchStart, Screened | None, list[Screened], list[Screened]]:
     """The search beside what is stated, begun; all linear effects beside that, where the noise is known; and as in
     `of_what_fails` where neither they nor one effect by itself hold, nor a force with linear effects; or changes of
     the rotor's weight ahead.
@@ -119,12 +119,12 @@ def _screened(
         progress("whether something was written down wrongly")
     better, screened, ahead = of_what_fails(stated, changes)
     if better.may_hold and not stated.may_hold:
-        known = {**begun.known, **begun.exact.contenders}
+        known = {**begun.known, **begun.quiet_race.contenders}
         begun = begin(dataclasses.replace(contest, linear_may_hold=True), known=known, progress=progress)
     return begun, better, screened, ahead
 
 
-def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progress) -> list[Screened]:
+def _ahead_with_a_force(begun: SearchStart, weights: list[Screened], progress: Progress) -> list[Screened]:
     """Changes of the rotor's weight, the most probable first, if one holds within the noise of the table beside a
     nonlinear force where no effect does beside what is stated; else none.
 
@@ -138,15 +138,17 @@ def _ahead_with_a_force(begun: Begun, weights: list[Screened], progress: Progres
     ahead, held = list[tuple[float, Screened]](), False
     for one in weights:
         own = dataclasses.replace(one.change.contest, linear_may_hold=False)
-        exact = exactly(own, forces, {NOTHING: begun.known[NOTHING]})
-        held = held or exact.leader is not None
-        best = max(own.log_posterior(contender) for contender in exact.contenders.values())
-        known = one.change._replace(known=exact.contenders)
+        quiet_race = under_table_noise(own, forces, {NOTHING: begun.known[NOTHING]})
+        held = held or quiet_race.leader is not None
+        best = max(own.log_posterior(contender) for contender in quiet_race.contenders.values())
+        known = one.change._replace(known=quiet_race.contenders)
         ahead.append((best + one.change.log_odds, one._replace(change=known)))
     return [one for _, one in sorted(ahead, key=lambda scored: -scored[0])] if held else []
 
 
-def _search_as_stated(begun: Begun, stated: Screened | None, most: int, progress: Progress, *, endless: bool) -> Answer:
+def _search_as_stated(
+    begun: SearchStart, stated: Screened | None, most: int, progress: Progress, *, endless: bool
+) -> Answer:
     """What is stated, searched: where all linear effects at once hold, from a pair of
     them that does, if there is one; else effect by effect, and where that leads to no answer that holds, from more of
     them that do. **Arguments:** ``stated``: the fit of all; ``endless``: whether nonlinear forces may make
@@ -176,7 +178,7 @@ def _with_its_ties(own: Answer, catalog: Mapping[str, type[Effect]], progress: P
 
 
 def _without_what_is_stated(
-    begun: Begun, stated: Screened, ahead: list[Screened], doubts: Doubts
+    begun: SearchStart, stated: Screened, ahead: list[Screened], doubts: Doubts
 ) -> tuple[MistakeRace | None, Doubts]:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a

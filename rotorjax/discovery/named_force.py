@@ -101,19 +101,27 @@ def name_force(
     return best.validated()
 
 
-def other_force(declared: Fit, answer: Fit, effects: tuple[str, ...], *, doubtful: bool = False) -> NamedForce | None:
+def other_force(
+    declared: Fit,
+    answer: Fit,
+    effects: tuple[str, ...],
+    catalog: Mapping[str, type[Effect]] = CATALOG,
+    *,
+    doubtful: bool = False,
+) -> NamedForce | None:
     """Terms that explain as much as an answer of named effects, if there are: the answer is then one of two.
 
-    In the place of several effects fewer terms; in the place of one a single term that does much better: a nonlinear
-    one only where something is left beside the answer that a term would take away, or where the answer is ``doubtful``
-    by itself. Where the noise is unknown also in the place of none, and whatever is left.
+    In the place of several effects fewer, a term among them, or as many that do much better; in the place of one a
+    single term that does much better: a nonlinear one only where something is left beside the answer that a term would
+    take away, or where the answer is ``doubtful`` by itself. Where the noise is unknown also in the place of none, and
+    whatever is left.
     **Arguments:** as for `name_force`.
     """
     alone, unknown = len(effects) <= 1, declared.stage.measurement.sigma is None
     terms = TERMS if not alone else FIXED if doubtful or _likely(answer, {}, 1, FIXED)[1] else LINEAR
     ahead = Ahead(first_cost=answer.end.cost, holds=True) if answer.misfit == 0.0 else Ahead()
-    found = _named(declared, (), {}, most=max(1, len(effects) - 1), ahead=ahead, terms=terms)
-    better = _score(answer) - (LEAST_GAIN if alone else 0.0)
+    found = _named(declared, (), {} if alone else catalog, most=max(1, len(effects)), ahead=ahead, terms=terms)
+    better = _score(answer) - (LEAST_GAIN if len(found.terms) >= len(effects) else 0.0)
     if found.fit is None or not (found.enough or unknown):
         return None
     return found.validated() if _score(found.fit) < better else None
@@ -199,14 +207,16 @@ def _named(
     """The likeliest answer of the regression in the response, where the motion need not be known at orders that were
     not measured.
 
-    **Arguments:** ``most`` terms: where the regression wants more, only those that are most of the force by themselves
-    are tried; ``ahead``: what they have to reach; ``terms`` beside the ``catalog``.
+    **Arguments:** ``most`` terms and effects of the catalogue, one of the terms among them: where the regression wants
+    more, only those that are most of the force by themselves are tried; ``ahead``: what they have to reach; ``terms``
+    beside the ``catalog``.
     """
     every, model, measurement = dict(catalog) | TERMS, found.model, found.stage.measurement
     force, likely = _likely(found, catalog, FITTED, terms)
-    if most is not None and likely and len(likely[0]) > most:
-        least = LARGE_SHARE * sum(t.share for t in likely[0])
+    if most is not None and likely:
+        least = LARGE_SHARE * sum(t.share for t in likely[0]) if len(likely[0]) > most else 0.0
         likely = [several for several in likely if len(several) <= most and max(t.share for t in several) >= least]
+        likely = [several for several in likely if any(t.term not in catalog for t in several)]
     if not likely:
         return NamedForce(force, (), beside, None)
     likely = [each for several in likely for each in _with_near_delays(model, several)]
@@ -291,11 +301,11 @@ def _likely(
     """The force that a fit lacks, and the answers of the regression, all that was fitted giving way."""
     model, force = found.model, _lacking(found, found.model)
     fitted = {e.entry.effect for e in found.estimates}
-    told = (
+    tried = (
         tuple(t for t in terms if t.term not in model)
         for terms in answers(force, dict(catalog) | dict(terms), fitted=fitted, most=most)
     )
-    return force, [terms for terms in told if terms]
+    return force, [terms for terms in tried if terms]
 
 
 def _with_near_delays(model: Model, terms: tuple[Candidate, ...]) -> list[tuple[Candidate, ...]]:

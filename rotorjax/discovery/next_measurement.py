@@ -202,8 +202,8 @@ def chosen_readings(differences: Differences) -> tuple[list[int], float]:
         chosen.append(best)
         total += float(gain[best])
         mean = mean + root @ common[best].T @ whitened[best]
-        _, told, directions = np.linalg.svd(common[best], full_matrices=False)
-        root = root @ (np.eye(errors) - directions.T @ np.diag(1.0 - 1.0 / np.hypot(1.0, told)) @ directions)
+        _, seen, directions = np.linalg.svd(common[best], full_matrices=False)
+        root = root @ (np.eye(errors) - directions.T @ np.diag(1.0 - 1.0 / np.hypot(1.0, seen)) @ directions)
     return chosen, math.sqrt(total)
 
 

@@ -9,7 +9,7 @@ from rotorjax.discovery.inferred_noise import Round, Stage
 from rotorjax.discovery.race import race
 from rotorjax.discovery.search import Selection
 from rotorjax.inference.descent import Start, best_of, descend
-from rotorjax.inference.manner import THOROUGH
+from rotorjax.inference.descent_settings import THOROUGH
 from rotorjax.inference.noise import NO_SCATTER, Noise
 from rotorjax.model.model import Model
 
@@ -63,7 +63,7 @@ def _polished(contest: Contest, known: Known, effects: Effects, under: Noise, *,
                 every,
                 budget=contest.budget,
                 kept=again.best.point,
-                manner=THOROUGH,
+                settings=THOROUGH,
             )
         )
         return Round(noise.allowance, data, best, starts, noise.allowance, best.cost)

@@ -1,6 +1,5 @@
 """The race: sets of effects fitted to one measurement under one noise, and how probable each of them is."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -11,10 +10,10 @@ from jaxtyping import Float
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.inference.data import MOST_STARTS, Data, declared_starts
 from rotorjax.inference.descent import HOPELESS, End, Local, Start, best_of, descend, distinct_of, starts_at
+from rotorjax.inference.descent_settings import CONVERGED, CUT_OFF, QUICK
 from rotorjax.inference.evidence import log_evidence
 from rotorjax.inference.influence import CLEAR, influenced
-from rotorjax.inference.manner import CONVERGED, CUT_OFF, LEFT_BEHIND, QUICK
-from rotorjax.inference.noise import MOST_ROUNDS, NO_NOISE, SAME_MISFIT, Noise
+from rotorjax.inference.noise import Noise
 from rotorjax.inference.squares import squares_of
 from rotorjax.inference.stable import cost_of_stability
 
@@ -121,7 +120,7 @@ def _fitted(
             owner.append(effects)
     training = np.broadcast_to(contest.training, (len(starts), len(contest.training)))
     ends = descend(
-        contest.space, data, starts, np.stack(masks), training, budget=contest.budget, manner=QUICK, hopeless=hopeless
+        contest.space, data, starts, np.stack(masks), training, budget=contest.budget, settings=QUICK, hopeless=hopeless
     )
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
@@ -268,130 +267,25 @@ def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -
     )._replace(foreseen=True)
 
 
+def falls(after: Noise, before: Noise) -> bool:
+    """Whether a noise is so much smaller that what was fitted under the larger one says little."""
+    return after.allowance < NOISE_FALL * before.allowance
+
+
 def anew(
     contest: Contest, noise: Noise, sets: Iterable[Effects], found: Known, near: Callable[[Contender], bool]
 ) -> list[Effects]:
     """Those of some sets that are to be fitted again under another noise: as what they are to first order is ``near``.
 
-    The others are ``found`` to first order from then on. So is none whose noise was much larger.
+    The others are ``found`` to first order from then on. Sets that were fitted under a much larger noise are always
+    fitted again.
     """
     data = contest.data(noise, max(found.values(), key=lambda c: c.log_evidence).best.point)
     again = []
     for effects in sets:
         there = foreseen(contest, data, found[effects], noise)
-        if near(there) or _falls(noise, found[effects].noise):
+        if near(there) or falls(noise, found[effects].noise):
             again.append(effects)
         else:
             found[effects] = there
     return again
-
-
-class Race(NamedTuple):
-    """Contenders under one noise: that which the winner leaves."""
-
-    noise: Noise
-    contenders: Known
-    winner: Effects
-
-
-class Exact(NamedTuple):
-    """Contenders under the noise of the table alone."""
-
-    contenders: Known
-    leader: Effects | None
-    """The best of them, if it holds within that noise."""
-
-
-def settle(
-    contest: Contest, hypotheses: Iterable[Effects], known: Known, noise: Noise, *, exact: Exact | None = None
-) -> Race:
-    """Race hypotheses until the misfit allowed for is what the winner leaves.
-
-    Under the noise that is known, if one holds within that. Else again and again: the noise is common to all, so that
-    the evidence compares what they predict and not how much each may miss. It begins wide and comes down, not below the
-    floor: a wide one lets no hypothesis be dragged into a corner by data that it cannot meet. **Arguments:** ``noise``:
-    where to begin; ``exact``: what they are under the noise that is known, if that was tried.
-    """
-    wanted = list(dict.fromkeys(hypotheses))
-    exact = exact or (exactly(contest, wanted, known) if contest.floor == NO_NOISE else Exact({}, None))
-    if exact.leader is not None:
-        return Race(NO_NOISE, exact.contenders, exact.leader)
-    noise = Noise(max(noise.allowance, contest.floor.allowance), contest.floor.scatter)
-    reached = {e: c for e, c in exact.contenders.items() if c.best.result != LEFT_BEHIND}
-    found = {**known, **race(contest, noise, wanted, known, also=reached)}
-    for _ in range(MOST_ROUNDS):
-        leader = _leader(contest, found, wanted)
-        quiet, found[leader] = _settled(contest, found[leader], noise)
-        if _same(quiet, noise):
-            break
-        # What was hopeless under more noise stays so under less.
-        near = _near(found, wanted)
-        if not _falls(quiet, noise):
-            least = found[leader].log_evidence - WORTH_TRYING - CLEAR
-            near = anew(contest, quiet, near, found, lambda there, least=least: there.log_evidence > least)
-        found.update(race(contest, quiet, near, found, afresh=_falls(quiet, noise)))
-        noise = quiet
-    contenders = {effects: found[effects] for effects in wanted}
-    return Race(noise, contenders, _leader(contest, contenders, wanted))
-
-
-def _near(found: Known, wanted: list[Effects]) -> list[Effects]:
-    best = max(found[effects].log_evidence for effects in wanted)
-    return [effects for effects in wanted if found[effects].log_evidence > best - HOPELESS]
-
-
-def _leader(contest: Contest, found: Known, wanted: list[Effects]) -> Effects:
-    return max(wanted, key=lambda effects: contest.log_posterior(found[effects]))
-
-
-def exactly(contest: Contest, wanted: list[Effects], known: Known) -> Exact:
-    """Hypotheses under the noise of the table alone; where some misfit is known to be there those with
-    nonlinear forces, which that misfit may come from. If none of them holds some are missing.
-    """
-    if not contest.tried_exactly:
-        return Exact({}, None)
-    linear = contest.floor == NO_NOISE and contest.linear_may_hold
-    possible = [effects for effects in wanted if linear or effects & contest.coupled]
-    contest = dataclasses.replace(contest, floor=NO_NOISE)
-    first = exact_of(contest, possible, known)
-    if first.leader is None:
-        return first
-    # What was left behind as it cannot hold goes on: it is shown how far off it is.
-    begun = {e: c._replace(foreseen=c.best.result == LEFT_BEHIND) for e, c in first.contenders.items()}
-    every = race(contest, NO_NOISE, wanted, {**known, **begun})
-    return Exact(every, _holding(contest, every, wanted))
-
-
-def exact_of(contest: Contest, sets: list[Effects], known: Known) -> Exact:
-    """Sets under the noise of the table; one that cannot come to hold does not go on."""
-    found = race(contest, NO_NOISE, sets, known, hopeless=contest.far_off)
-    return Exact(found, _holding(contest, found, sets))
-
-
-def _holding(contest: Contest, found: Known, wanted: list[Effects]) -> Effects | None:
-    """The best, if it leaves no more than the noise of the table."""
-    if not wanted:
-        return None
-    leader = _leader(contest, found, wanted)
-    return leader if contest.misfit_left(found[leader]) == 0.0 else None
-
-
-def _settled(contest: Contest, contender: Contender, noise: Noise) -> tuple[Noise, Contender]:
-    """The misfit that one contender leaves when it is fitted under just that misfit, and the contender there."""
-    for _ in range(MOST_ROUNDS):
-        after = noise._replace(allowance=contest.misfit_left(contender))
-        if _same(after, noise):
-            break
-        contender = race(
-            contest, after, [contender.effects], {contender.effects: contender}, afresh=_falls(after, noise)
-        )[contender.effects]
-        noise = after
-    return noise, contender
-
-
-def _falls(after: Noise, before: Noise) -> bool:
-    return after.allowance < NOISE_FALL * before.allowance
-
-
-def _same(one: Noise, other: Noise) -> bool:
-    return abs(one.allowance - other.allowance) <= SAME_MISFIT * max(one.allowance, other.allowance)

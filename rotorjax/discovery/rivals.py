@@ -1,5 +1,6 @@
 """Would another effect have done as well? One-for-one swaps of the fitted effects with their known relatives."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ class Rival(NamedTuple):
     rms: float
     """Root mean square |residual| then [m]."""
     loss: float
-    """Log posterior lost by the swap; negative if the rival fits better."""
+    """Log posterior lost by the swap; negative if the rival fits better, infinite where its motions do not balance."""
 
     @property
     def tied(self) -> bool:
@@ -67,4 +68,4 @@ def _swapped(fitted: Fit, data: Data, name: str, others: list[str], instead: str
     )
     left = residual_vectors(best.local.error, data)[fitted.stage.measurement.present]
     rms = float(np.sqrt(np.mean(np.abs(left) ** 2)))
-    return Rival(name, instead, rms, best.cost - fitted.end.cost)
+    return Rival(name, instead, rms, best.cost - fitted.end.cost if best.exact else math.inf)

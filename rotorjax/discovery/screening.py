@@ -17,7 +17,7 @@ from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import WIDE
 from rotorjax.inference.data import largest_displacement
 from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
-from rotorjax.inference.manner import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, Manner
+from rotorjax.inference.descent_settings import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, DescentSettings
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import WITH_AMPLITUDE
@@ -29,7 +29,7 @@ forces; mistakes left 0.03 to 0.07.
 """
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
-BESIDE_FORCES = QUICK._replace(most_steps=16, again=False)
+BESIDE_FORCES = QUICK._replace(most_steps=16, rescan=False)
 """The same beside nonlinear forces, as many steps as motions need to balance: before, a cost says little.
 """
 GAINS = frozenset({"chain_gain", "probe_gain"})
@@ -153,13 +153,13 @@ def screen(
     *,
     also: Collection[str] = (),
     starts: Sequence[Start] = (),
-    manner: Manner = QUICK,
+    settings: DescentSettings = QUICK,
     hopeless: float = math.inf,
 ) -> Screened:
     """All linear effects at once, from where the model has them, or the lowest of descents from some ``starts``.
 
     **Arguments:** ``own``: an answer whose nonlinear forces, and sweep, are fitted too; ``also``: further
-    effects; ``manner`` of the descent; ``hopeless``: cost with which it does not go on.
+    effects; ``settings`` of the descent; ``hopeless``: cost with which it does not go on.
     """
     contest = change.contest
     free = contest.linear | contest.only_of(also)
@@ -168,7 +168,7 @@ def screen(
     starts = starts or starts_at(contest.space.given_unknowns()[None])
     data, training = contest.data(noise, starts[0].point), np.tile(contest.training, (len(starts), 1))
     budget = contest.budget
-    ends = descend(contest.space, data, starts, free, training, budget=budget, manner=manner, hopeless=hopeless)
+    ends = descend(contest.space, data, starts, free, training, budget=budget, settings=settings, hopeless=hopeless)
     return Screened(change, best_of(ends))
 
 
@@ -189,7 +189,7 @@ def beside_answer(
             fitted.append(Screened(one.change, alone.best))
             continue
         starts = one.change.begun_from(level, own)
-        fitted.append(screen(one.change, noise, own, starts=starts, manner=BESIDE_FORCES, hopeless=hopeless))
+        fitted.append(screen(one.change, noise, own, starts=starts, settings=BESIDE_FORCES, hopeless=hopeless))
     for k in sorted(range(len(fitted)), key=lambda k: fitted[k].end.cost):
         change, end = fitted[k]
         if end.result == MAX_STEPS:
@@ -219,13 +219,12 @@ def as_large_as_read(own: Contender, contest: Contest, there: Contest) -> Conten
 
 
 def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change], noise: Noise) -> list[Screened]:
-    """Changes beside which the costly effects of an answer that misses, and nothing else, leave less than it does, and
-    hardly more than beside the nearest: with all linear effects, too. Where there are none, one nonlinear force by
-    itself: beside what is stated another, or linear effects that leave more than a wide noise, may have stood for that
-    of the rotor.
+    """Changes that do better beside the costly effects of an answer that misses.
 
-    All are held against one another under a wide noise, which does not ask for what is small. Beside a strong spring
-    and a trial weight on the opposite side no linear effect tells one change from another.
+    Fitted are those effects alone, then with all linear ones; where the answer has none, each nonlinear force alone.
+    Kept is a change that leaves less than the answer does, and hardly more than the best of the changes. All are
+    compared under a wide noise, which does not ask for what is small: beside a strong spring and a trial weight on the
+    opposite side no linear effect tells one change from another.
     """
     wide = Noise(WIDE * stated.measurement.rms)
     level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
@@ -244,7 +243,7 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
             noise,
             one.fitted,
             starts=[Start.at(one.fitted.best)],
-            manner=BESIDE_FORCES,
+            settings=BESIDE_FORCES,
         )
         for one in sorted(alone, key=lambda one: one.cost)
         if one.cost < most
@@ -290,26 +289,26 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
     measurement = stated.change.contest.measurement
     level = screen(stated.change, Noise(WIDE * measurement.rms))
     enough = stated.change.contest.far_off
-    stated = min(stated, _exactly(level, hopeless=enough), key=lambda one: one.end.cost)
+    stated = min(stated, _under_table_noise(level, hopeless=enough), key=lambda one: one.end.cost)
     if stated.holds:
         return stated, [], []
     feels = {change.mistake: _feels(change, level) for change in changes}
     possible = _not_behind(level, [change for change in changes if feels[change.mistake]])
     screened = list[Screened]()
     for one in possible:
-        screened.append(_exactly(one, hopeless=enough))
+        screened.append(_under_table_noise(one, hopeless=enough))
         if screened[-1].holds:
             enough = min(enough, screened[-1].end.cost + HOPELESS)
     if changes and not any(one.holds for one in screened):
         # How far off all are decides then.
         if stated.end.result == LEFT_BEHIND:
             whole = as_stated(stated.change.contest, to_the_end=True)
-            stated = min(whole, _exactly(level), key=lambda one: one.end.cost)
-        screened = [_exactly(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
+            stated = min(whole, _under_table_noise(level), key=lambda one: one.end.cost)
+        screened = [_under_table_noise(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
     ahead = [
-        exact
-        for rough, exact in zip(possible, screened, strict=True)
-        if exact.holds or rough.end.cost < HALVED * level.end.cost or exact.end.cost < HALVED * stated.end.cost
+        fitted
+        for rough, fitted in zip(possible, screened, strict=True)
+        if fitted.holds or rough.end.cost < HALVED * level.end.cost or fitted.end.cost < HALVED * stated.end.cost
     ]
     ahead.sort(key=lambda one: (0, one.cost) if one.holds else (1, 0.0))
     # What linear effects do not feel, a weight for instance, leaves them as they are.
@@ -325,7 +324,7 @@ def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
     """
     wide, most = Noise(WIDE * level.change.contest.measurement.rms), level.end.cost + TIE
     enough = most / HALVED
-    begun = [screen(change, wide, manner=BEGUN, hopeless=enough) for change in changes]
+    begun = [screen(change, wide, settings=BEGUN, hopeless=enough) for change in changes]
     fitted = list[Screened]()
     for one in sorted(begun, key=lambda one: one.end.cost):
         going_on = one.end.result != CONVERGED and one.end.steps == BEGUN.most_steps
@@ -335,7 +334,7 @@ def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
     return sorted((one for one in fitted if one.end.cost < most), key=lambda one: one.cost)
 
 
-def _exactly(rough: Screened, *, hopeless: float = math.inf) -> Screened:
+def _under_table_noise(rough: Screened, *, hopeless: float = math.inf) -> Screened:
     """The fit under the noise of the table, begun where that under a wide one ended."""
     return screen(rough.change, NO_NOISE, starts=[Start.at(rough.end)], hopeless=hopeless)
 

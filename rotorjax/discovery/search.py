@@ -2,32 +2,23 @@
 
 import dataclasses
 import itertools
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from rotorjax.data.measurement import Measurement
+from rotorjax.discovery.common_noise import QuietRace, Race, settle, under_table_noise
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known, with_floor
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.race import WORTH_TRYING, Exact, Race, contender_of, exactly, log_likelihood, settle
+from rotorjax.discovery.race import WORTH_TRYING
+from rotorjax.discovery.ranking import PRICE, Ranked, is_detected, may_be_missing, ranking, showing
 from rotorjax.discovery.sets_that_hold import beside_all_linear, holding_set
 from rotorjax.inference.descent import End
-from rotorjax.inference.manner import LEFT_BEHIND
+from rotorjax.inference.descent_settings import LEFT_BEHIND
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
 
-DETECTED = 0.05
-"""Probability of "none" below which an effect counts as detected."""
-PRICE = math.log((1.0 - DETECTED) / DETECTED)
-"""The same in log odds."""
-COMPLETE = 0.75
-"""Probability that nothing more is missing below which an answer is undecided."""
-SHOWS = 0.5
-"""Fall of the cost, of the data and of values declared uncertain, from which on an optimum counts beside "none": what
-the data do not show may be there or not.
-"""
 PAIRED = 8
 """Best effects of a race of which all pairs are tried."""
 WIDE = 0.1
@@ -35,15 +26,6 @@ WIDE = 0.1
 MOST_SMALL = 3
 """Effects that are detected without mattering, at most."""
 NOTHING: Effects = frozenset()
-
-
-class Ranked(NamedTuple):
-    """One entry of a ranking: the effect that would be added, "none" for adding nothing."""
-
-    effect: str
-    probability: float
-    log_evidence: float
-    contender: Contender
 
 
 class Selection(NamedTuple):
@@ -71,7 +53,7 @@ class Selection(NamedTuple):
         return self._replace(contest=dataclasses.replace(self.contest, candidates=candidates))
 
     @property
-    def more(self) -> list["Ranked"]:
+    def more(self) -> list[Ranked]:
         """What may be missing beside all that was detected, as in `may_be_missing`."""
         return may_be_missing(showing(self.contest, self.races[-1], self.present))
 
@@ -81,57 +63,7 @@ class Selection(NamedTuple):
         return frozenset(self.effects) | frozenset(self.small)
 
 
-def ranking(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
-    """Probabilities of what may be added to a set, "none" among them, the most probable first."""
-    return _ranked(contest, base, _one_more(race, base))
-
-
-def showing(contest: Contest, race: Race, base: Effects) -> list[Ranked]:
-    """The same without the optima that fit no better than "none": a stop that the rotor does not reach, say. "None"
-    stands for these too.
-    """
-    log_of = log_likelihood(contest, race.noise)
-    least = log_of(race.contenders[base].best.cost) + SHOWS
-    shown = []
-    for c in _one_more(race, base):
-        ends = [end for end in c.ends if c.effects == base or log_of(end.cost) >= least]
-        if len(ends) == len(c.ends):
-            shown.append(c)
-        elif ends:
-            shown.append(contender_of(contest, c.effects, ends, c.noise)._replace(foreseen=c.foreseen))
-    return _ranked(contest, base, shown)
-
-
-def _one_more(race: Race, base: Effects) -> list[Contender]:
-    return [c for effects, c in race.contenders.items() if effects >= base and len(effects) <= len(base) + 1]
-
-
-def _ranked(contest: Contest, base: Effects, contenders: list[Contender]) -> list[Ranked]:
-    logs = np.array([c.log_evidence + contest.log_odds(c.effects - base) for c in contenders])
-    finite = np.where(np.isfinite(logs), logs, -1e300)
-    weights = np.exp(finite - finite.max())
-    weights /= weights.sum()
-    ranked = [
-        Ranked(next(iter(c.effects - base), "none"), float(p), c.log_evidence, c)
-        for c, p in zip(contenders, weights, strict=True)
-    ]
-    return sorted(ranked, key=lambda r: (-r.probability, -r.log_evidence))
-
-
-def none_left(ranked: Iterable[Ranked]) -> float:
-    """Probability that nothing is to be added."""
-    return next(r.probability for r in ranked if r.effect == "none")
-
-
-def may_be_missing(ranked: Sequence[Ranked]) -> list[Ranked]:
-    """What may be missing, the most probable first, where "none" has a probability below `COMPLETE`; else nothing."""
-    if none_left(ranked) >= COMPLETE:
-        return []
-    first, *others = (r for r in ranked if r.effect != "none")
-    return [first, *(r for r in others if r.probability >= DETECTED)]
-
-
-class Begun(NamedTuple):
+class SearchStart(NamedTuple):
     """A search before its first step: nothing is added, and every effect was tried under the noise of the table."""
 
     contest: Contest
@@ -139,51 +71,55 @@ class Begun(NamedTuple):
     known: Known
     noise: Noise
     """That the model as declared leaves, or the ``found``."""
-    exact: Exact
+    quiet_race: QuietRace
     found: Effects = NOTHING
     """Effects that hold within that noise together, where no single one does."""
 
     @property
     def holds(self) -> bool:
         """Whether one effect or that set holds within the noise of the table."""
-        return self.exact.leader is not None or bool(self.found)
+        return self.quiet_race.leader is not None or bool(self.found)
 
 
-def begin(contest: Contest, *, known: Known | None = None, progress: Progress = lambda _: None) -> Begun:
+def begin(contest: Contest, *, known: Known | None = None, progress: Progress = lambda _: None) -> SearchStart:
     """What `select` goes on from. **Arguments:** ``known``: what was fitted before."""
     table: Known = dict(known or {})
     start = settle(contest, [NOTHING], table, _wide(contest))
     contest = with_floor(contest, start.contenders[NOTHING])
     table.update(start.contenders)
     progress(_beside(NOTHING))
-    return Begun(contest, table, start.noise, exactly(contest, _with_one_more(contest, NOTHING), table))
+    return SearchStart(contest, table, start.noise, under_table_noise(contest, _with_one_more(contest, NOTHING), table))
 
 
-def with_set(begun: Begun, most: int, fits: Mapping[Effects, End] | None = None, *, least: int = 2) -> Begun:
-    """Begun with a set of effects that holds, from ``least`` to ``most`` together, if there is one and all of it
+def with_set(
+    begun: SearchStart, most: int, fits: Mapping[Effects, End] | None = None, *, least: int = 2
+) -> SearchStart:
+    """A start with a set of effects that holds, from ``least`` to ``most`` together, if there is one and all of it
     matter. **Arguments:** ``fits`` of all linear effects at once from which it is read, as for `holding_set`; by
     default one beside every nonlinear force.
     """
-    if most < least or begun.holds or not begun.contest.tried_exactly:
+    if most < least or begun.holds or not begun.contest.tries_table_noise:
         return begun
     quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
-    exact = holding_set(quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, range(least, most + 1))
-    if exact.leader is None:
+    quiet_race = holding_set(
+        quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, range(least, most + 1)
+    )
+    if quiet_race.leader is None:
         return begun
-    best = exact.contenders[exact.leader]
-    if not all(matters(quiet, best, name, NO_NOISE) for name in exact.leader):
+    best = quiet_race.contenders[quiet_race.leader]
+    if not all(matters(quiet, best, name, NO_NOISE) for name in quiet_race.leader):
         return begun
-    known = {**begun.known, **exact.contenders}
-    behind = frozenset(e for e, c in begun.exact.contenders.items() if c.best.result == LEFT_BEHIND)
+    known = {**begun.known, **quiet_race.contenders}
+    behind = frozenset(e for e, c in begun.quiet_race.contenders.items() if c.best.result == LEFT_BEHIND)
     quiet = dataclasses.replace(quiet, cannot_hold=behind)
-    return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=exact.leader)
+    return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=quiet_race.leader)
 
 
 def _beside(present: Effects) -> str:
     return f"what is missing beside {', '.join(sorted(present)) or 'the model as declared'}"
 
 
-def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> Selection:
+def select(begun: SearchStart, most: int, *, progress: Progress = lambda _: None) -> Selection:
     """Add effects one after the other until "none" is probable.
 
     After each addition all one-for-one swaps and all pairs of the best eight are tried (`Contest.lean` leaves out
@@ -197,20 +133,16 @@ def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> S
     while True:
         progress(_beside(present))
         race = seen[present | small] = forward(
-            contest, present | small, table, noise, exact=None if present | small else begun.exact
+            contest, present | small, table, noise, quiet_race=None if present | small else begun.quiet_race
         )
         table.update(race.contenders)
         leader = showing(contest, race, present | small)
-        none = none_left(leader)
-        # Where several share what "none" lacks, the best of them must be detected by itself.
-        alone = max((r.probability for r in leader if r.effect != "none"), default=0.0)
-        done = none >= DETECTED or alone * DETECTED < none * (1.0 - DETECTED)
-        if done or len(present) >= most or contest.budget.exhausted:
-            return _told(contest, most, present, small, table, seen)
+        if not is_detected(leader) or len(present) >= most or contest.budget.exhausted:
+            return _selection_of(contest, most, present, small, table, seen)
         added = leader[0].effect if leader[0].effect != "none" else leader[1].effect
         if not matters(contest, table[present | small | {added}], added, race.noise):
             if len(small) >= MOST_SMALL:
-                return _told(contest, most, present, small, table, seen)
+                return _selection_of(contest, most, present, small, table, seen)
             small |= {added}
             present, noise = _pruned(contest, present, small, table, race.noise)
             present -= small
@@ -221,7 +153,7 @@ def select(begun: Begun, most: int, *, progress: Progress = lambda _: None) -> S
             slight = frozenset(name for name in chosen if not matters(contest, table[chosen | needed], name, noise))
             chosen, needed = chosen - slight, needed | slight
         if chosen in tried:
-            return _told(contest, most, present, small, table, seen)
+            return _selection_of(contest, most, present, small, table, seen)
         present, small = chosen, needed
         tried.add(present)
         contest = with_floor(contest, table[present | small])
@@ -232,10 +164,12 @@ def _wide(contest: Contest) -> Noise:
     return Noise(WIDE * max(contest.measurement.rms, 1e-9))
 
 
-def forward(contest: Contest, base: Effects, table: Known, noise: Noise, *, exact: Exact | None = None) -> Race:
-    """The race of all that may be added to a set. **Arguments:** ``exact``: as for `settle`."""
+def forward(
+    contest: Contest, base: Effects, table: Known, noise: Noise, *, quiet_race: QuietRace | None = None
+) -> Race:
+    """The race of all that may be added to a set. **Arguments:** ``quiet_race``: as for `settle`."""
     wanted = _with_one_more(contest, base)
-    return settle(contest, wanted, table, noise, exact=exact or exactly(contest, wanted, table))
+    return settle(contest, wanted, table, noise, quiet_race=quiet_race or under_table_noise(contest, wanted, table))
 
 
 def _with_one_more(contest: Contest, base: Effects) -> list[Effects]:
@@ -300,7 +234,7 @@ def _pruned(contest: Contest, present: Effects, kept: Effects, table: Known, noi
     return winner, noise
 
 
-def _told(
+def _selection_of(
     contest: Contest,
     most: int,
     present: Effects,
@@ -357,7 +291,7 @@ def _next_left(contest: Contest, base: Effects, present: Effects, table: Known, 
     return noise._replace(allowance=min(left, default=noise.allowance))
 
 
-def retold(selection: Selection, present: Effects, found: Known) -> Selection:
+def with_answer(selection: Selection, present: Effects, found: Known) -> Selection:
     """The search with another answer, which ``found``, fitted afterwards, shows to do better."""
     contest, known = selection.contest, {**selection.known, **found}
     if (present | selection.present) & contest.coupled:
@@ -366,7 +300,7 @@ def retold(selection: Selection, present: Effects, found: Known) -> Selection:
     slight = (name for name in new if not matters(contest, known[present], name, known[present].noise))
     small = frozenset(selection.small) & present | frozenset(slight)
     seen = {min(race.contenders, key=len): race for race in selection.races}
-    return _told(contest, selection.most, present - small, small, known, seen, frozenset(found))
+    return _selection_of(contest, selection.most, present - small, small, known, seen, frozenset(found))
 
 
 def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> bool:

@@ -14,27 +14,27 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from rotorjax.discovery.common_noise import QuietRace, sets_under_table_noise
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
-from rotorjax.discovery.race import Exact, exact_of
 from rotorjax.inference.curvature import inverse
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, descend, starts_at
-from rotorjax.inference.manner import LEFT_BEHIND, QUICK
+from rotorjax.inference.descent_settings import LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import NO_NOISE
 
-BEGUN = QUICK._replace(most_steps=8, again=False)
+BEGUN = QUICK._replace(most_steps=8, rescan=False)
 """How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
 MOST_TRIED = 8
 """Best sets of one size that are fitted."""
 
 
-def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, sizes: range) -> Exact:
+def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, sizes: range) -> QuietRace:
     """Sets of several effects under the noise of the table: the smallest that hold.
 
     **Arguments:** ``fits`` of all linear effects at once, each beside other effects, which all its sets have; ``sizes``
     of the sets.
     """
-    begun, exact = {beside: _Saturated.of(contest, end) for beside, end in fits.items()}, Exact({}, None)
+    begun, tried = {beside: _Saturated.of(contest, end) for beside, end in fits.items()}, QuietRace({}, None)
     for size in sizes:
         sets = [
             (beside | set(names), whole.without_others(names))
@@ -44,10 +44,10 @@ def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, siz
         ]
         best = sorted(sets, key=lambda one: one[1].cost)[:MOST_TRIED]
         near = {effects: Contender(effects, (end,), -math.inf, NO_NOISE) for effects, end in best}
-        exact = exact_of(contest, list(near), {**near, **known})
-        if exact.leader is not None:
+        tried = sets_under_table_noise(contest, list(near), {**near, **known})
+        if tried.leader is not None:
             break
-    return exact
+    return tried
 
 
 class _Saturated(NamedTuple):
@@ -96,7 +96,7 @@ def beside_all_linear(contest: Contest) -> dict[Effects, End]:
         np.stack([contest.linear | contest.only_of(force) for force in owner]),
         np.broadcast_to(contest.training, (len(starts), len(contest.training))),
         budget=contest.budget,
-        manner=BEGUN,
+        settings=BEGUN,
         hopeless=contest.far_off,
     )
     found: dict[Effects, End] = {}

@@ -11,8 +11,9 @@ from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
+from rotorjax.discovery.ranking import PRICE
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import PRICE, Selection, retold
+from rotorjax.discovery.search import Selection, with_answer
 from rotorjax.inference.covariance import common_errors
 from rotorjax.inference.data import Data, half_order_sign
 from rotorjax.inference.descent import HOPELESS, End
@@ -110,13 +111,13 @@ def settled(selection: Selection, catalog: Mapping[str, type[Effect]]) -> tuple[
                 # What was linearised once only takes no place of what the search fitted.
                 return selection, ties
             if better is None or better in answered:
-                told = _told_with(selection, swapped)
-                return told._replace(known={**selection.known, **ties.raced}), ties
+                changed = _selection_with(selection, swapped)
+                return changed._replace(known={**selection.known, **ties.raced}), ties
         answered.add(better)
-        selection = retold(selection, better, swapped.found)
+        selection = with_answer(selection, better, swapped.found)
 
 
-def _told_with(selection: Selection, swapped: Swapped) -> Selection:
+def _selection_with(selection: Selection, swapped: Swapped) -> Selection:
     """The story with all that was tried in the place of the last effect as its step, where that is of the answer alone:
     its effects were found together.
     """

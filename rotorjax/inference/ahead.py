@@ -4,6 +4,8 @@ Tracing keeps the interpreter and one processor busy, compilation one processor;
 first.
 """
 
+import functools
+
 from rotorjax.data.measurement import Measurement
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.inference.kernels import kernels_of
@@ -11,7 +13,6 @@ from rotorjax.inference.linear_rotor import LinearRotor
 from rotorjax.inference.programs import in_background
 from rotorjax.inference.space import Space
 from rotorjax.inference.whirl_modes import RotorInTime
-from rotorjax.model.model import Model
 
 
 def make_programs_ahead(space: Space, measurement: Measurement) -> None:
@@ -21,12 +22,10 @@ def make_programs_ahead(space: Space, measurement: Measurement) -> None:
     kernels, model = kernels_of(space), space.model
     if kernels.warm:
         return
-    first, *others = kernels.makers(measurement.conditions)
-    for maker in (first, RotorInTime(model).make, *others):
+    conditions = measurement.conditions
+    first, *others = kernels.linear_makers(conditions)
+    for maker in (first, RotorInTime(model).make, *others, *kernels.balanced_makers(conditions)):
         in_background(maker)
-    in_background(lambda: LinearRotor(model).make(measurement.conditions))
-
-
-def make_programs_of_a_missing_force_ahead(model: Model, measurement: Measurement) -> None:
-    """Those of the balance of forces, and those that fit its terms."""
-    in_background(lambda: ForceBalance(model).make(measurement.conditions))
+    # Nearly every answer is held against forces outside the catalogue.
+    for late in (LinearRotor(model), ForceBalance(model)):
+        in_background(functools.partial(late.make, conditions))

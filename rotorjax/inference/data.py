@@ -127,7 +127,7 @@ def make_folds(
 
 
 def _rank(information: Float[np.ndarray, "param param"]) -> int:
-    """Number of directions that the data determine better than a hundredth of the prior."""
+    """Number of directions in which the curvature of the data is more than a hundredth of the prior's."""
     return int(np.count_nonzero(np.linalg.eigvalsh(information) > 1e-2)) if len(information) else 0
 
 

@@ -17,9 +17,9 @@ from threadpoolctl import ThreadpoolController
 
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import Data
+from rotorjax.inference.descent_settings import CUT_OFF, LEFT_BEHIND, NOT_FINITE, THOROUGH, DescentSettings
 from rotorjax.inference.levenberg_marquardt import Descent
 from rotorjax.inference.linearised import Linearisation, Linearised, Point
-from rotorjax.inference.manner import CUT_OFF, LEFT_BEHIND, NOT_FINITE, THOROUGH, Manner
 from rotorjax.inference.motions import BALANCED, balanced, first_motions
 from rotorjax.inference.normal import Task
 from rotorjax.inference.prior import Prior
@@ -122,7 +122,7 @@ def descend(  # noqa: PLR0913
     budget: Budget,
     kept: Float[np.ndarray, "param"] | None = None,
     shift: Float[np.ndarray, "start case cell"] | None = None,
-    manner: Manner = THOROUGH,
+    settings: DescentSettings = THOROUGH,
     hopeless: float = math.inf,
 ) -> list[End]:
     """Levenberg-Marquardt from every start, each on its own cases and with its own free unknowns.
@@ -144,9 +144,13 @@ def descend(  # noqa: PLR0913
         for k, own in enumerate(free)
     ]
     running = _run(
-        lin, [start._replace(point=point) for start, point in zip(starts, points, strict=True)], tasks, manner, hopeless
+        lin,
+        [start._replace(point=point) for start, point in zip(starts, points, strict=True)],
+        tasks,
+        settings,
+        hopeless,
     )
-    if shift is None and manner.again:
+    if shift is None and settings.rescan:
         lost = _lost(running)
         if budget.exhausted:
             for k in lost:
@@ -154,13 +158,15 @@ def descend(  # noqa: PLR0913
         else:
             anew = {k: start for k in lost if (start := _scanned(running[k])) is not None}
             for k, one in zip(
-                anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], manner, hopeless), strict=True
+                anew, _run(lin, list(anew.values()), [tasks[k] for k in anew], settings, hopeless), strict=True
             ):
                 running[k] = min(running[k], one, key=lambda d: (not d.settled, d.cost))
     return [_end_of(one) for one in running]
 
 
-def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Manner, hopeless: float) -> list[Descent]:
+def _run(
+    lin: Linearisation, starts: list[Start], tasks: list[Task], settings: DescentSettings, hopeless: float
+) -> list[Descent]:
     """All descents to their ends, or until the budget is spent."""
     coupled = [lin.coupled(start.point, task.free) for start, task in zip(starts, tasks, strict=True)]
     # Motions with those at slow roll, or without, are of another reading of the table.
@@ -172,7 +178,7 @@ def _run(lin: Linearisation, starts: list[Start], tasks: list[Task], manner: Man
     for k, (start, task) in enumerate(zip(starts, tasks, strict=True)):
         motions = start.motions if known[k] else fresh.pop(0) if coupled[k] else None
         running.append(
-            Descent(lin, task, manner, Point(start.point, motions if coupled[k] else None, known[k]), known=known[k])
+            Descent(lin, task, settings, Point(start.point, motions if coupled[k] else None, known[k]), known=known[k])
         )
     rivals = _Rivals.of(running)
     while going := [d for d in running if not d.done]:
@@ -211,7 +217,7 @@ def _linearised(lin: Linearisation, going: list[Descent]) -> list[Linearised]:
     astray = [
         k
         for k, one in enumerate(found)
-        if going[k].freedom == 0.0 and one.freedom is not None and np.any(one.freedom.off > BALANCED)
+        if going[k].freedom == 0.0 and one.response is not None and np.any(one.response.off > BALANCED)
     ]
     if astray:
         trials, cases = balanced(lin, [found[k] for k in astray], BALANCED)

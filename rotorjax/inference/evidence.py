@@ -29,7 +29,7 @@ from jaxtyping import Float, Int
 
 from rotorjax.inference.curvature import log_determinant, solved
 from rotorjax.inference.descent import End
-from rotorjax.inference.manner import CONVERGED
+from rotorjax.inference.descent_settings import CONVERGED
 from rotorjax.inference.prior import prior_at, together
 from rotorjax.inference.space import Space
 from rotorjax.model.model import Model
@@ -79,7 +79,7 @@ def left_open(
     """Free unknowns whose prior is averaged over, together, and the priors: the matrices T that make unknowns T w of
     unknowns w with the declared one.
     """
-    place, told = {int(unknown): k for k, unknown in enumerate(end.free)}, end.data_curvature
+    place, data_curvature = {int(unknown): k for k, unknown in enumerate(end.free)}, end.data_curvature
     strength, sizes = np.asarray(space.strength), np.asarray(space.open_size)
     groups: dict[tuple[str, int], dict[str, int]] = {}
     for entry in space.entries:
@@ -88,23 +88,23 @@ def left_open(
             group[entry.label] = place[entry.unknown]
     for (effect, number), labels in groups.items():
         group = np.array(list(labels.values()))
-        shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels), told[np.ix_(group, group)])]
+        shapes = [np.eye(len(group)), *_forms(space.model, effect, tuple(labels), data_curvature[np.ix_(group, group)])]
         if number >= 0:
             largest = LARGEST_OPEN if sizes[end.free[group[0]]] >= 0 else int(wide)
-            scales = factors(told, end.prior.weight, group, largest)
+            scales = factors(data_curvature, end.prior.weight, group, largest)
             yield group, [scale * shape for scale in scales for shape in shapes]
         elif len(shapes) > 1:
             yield group, shapes
 
 
 def _forms(
-    model: Model, effect: str, labels: tuple[str, ...], told: Float[np.ndarray, "part part"]
+    model: Model, effect: str, labels: tuple[str, ...], data_curvature: Float[np.ndarray, "part part"]
 ) -> list[Float[np.ndarray, "part part"]]:
     """Matrices T as in `left_open` of an effect's simpler forms: along their directions with the declared scales of the
     parameters that take part, `ACROSS` them a small share of that. Forms of which the data tell nothing are left out,
     and those of parameters that are not free together.
 
-    **Arguments:** ``told``: curvature of the data.
+    **Arguments:** ``data_curvature`` by the unknowns of the effect.
     """
     angles = model.rotor.spin * np.asarray(model.probes.angle)
     found = []
@@ -115,7 +115,7 @@ def _forms(
         shares = np.array([[direction.get(label, 0.0) for direction in form] for label in labels])
         basis, _ = np.linalg.qr(shares)
         along = basis @ basis.T
-        if np.trace(basis.T @ told @ basis) < 1.0:
+        if np.trace(basis.T @ data_curvature @ basis) < 1.0:
             continue
         taking_part = np.count_nonzero(np.any(shares != 0.0, axis=1))
         found.append(np.sqrt(taking_part / len(form)) * along + ACROSS * (np.eye(len(labels)) - along))
@@ -176,6 +176,6 @@ def factors(
     coupling = data[np.ix_(group, others)]
     rest = data[np.ix_(others, others)] + np.diag(weight[others])
     own = data[np.ix_(group, group)] - coupling @ solved(rest, coupling.T)
-    told = float(np.trace(own)) / len(group)
+    mean = float(np.trace(own)) / len(group)
     powers = np.arange(LEAST, largest + 1)
-    return STEP ** powers[(powers >= 0) | (told * STEP ** (2.0 * powers) >= SEEN**2)]
+    return STEP ** powers[(powers >= 0) | (mean * STEP ** (2.0 * powers) >= SEEN**2)]

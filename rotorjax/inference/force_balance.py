@@ -28,7 +28,7 @@ class ForceBalance:
     """All forces of the catalogue and all terms, with those of a model."""
 
     def __init__(self, model: Model) -> None:
-        full = dataclasses.replace(model, slow_roll=None).in_company((CATALOG | TERMS).values())
+        full = dataclasses.replace(model, slow_roll=None).with_null_effects((CATALOG | TERMS).values())
         space = make_space(full, Knowledge())
         self.index = {(entry.effect, entry.label): k for k, entry in enumerate(space.entries)}
         """Effect and label of every value."""
@@ -38,8 +38,8 @@ class ForceBalance:
         self._kernels = Kernels(dataclasses.replace(space, scale=as_array(np.ones(len(space.entries)))))
 
     def make(self, conditions: Conditions) -> None:
-        """Make its programs, and those that fit a term, for conditions like these, as far as no fit has made them."""
-        for make in self._kernels.makers(conditions, swept=False):
+        """Make its programs for conditions like these, as far as no fit has made them."""
+        for make in self._kernels.balanced_makers(conditions):
             make()
 
     def at(

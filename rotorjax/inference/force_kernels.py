@@ -29,7 +29,7 @@ BALANCED_CHUNK = 32
 """Rows evaluated together: few, as they are costly and the last chunk is filled up."""
 
 
-class Course(NamedTuple):
+class ForceInputs(NamedTuple):
     """What nonlinear forces depend on beside the motion and their own parameters, in every row; or its changes, with a
     further axis that counts columns.
     """
@@ -41,7 +41,7 @@ class Course(NamedTuple):
     bow_y: Complex[AnyArray, "row order"]
 
     @classmethod
-    def of(cls, ready: Ready) -> "Course":
+    def of(cls, ready: Ready) -> "ForceInputs":
         """In one row, in compiled code."""
         bow = ready.bow
         return cls(ready.condition.speed, bow.x, bow.y)

@@ -18,7 +18,7 @@ from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference import linear_kernels
 from rotorjax.inference.coefficients import add_dynamic, answer, as_coefficients
-from rotorjax.inference.force_kernels import BALANCED_CHUNK, Course, Forces
+from rotorjax.inference.force_kernels import BALANCED_CHUNK, ForceInputs, Forces
 from rotorjax.inference.parts import Part
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, in_chunks
 from rotorjax.inference.space import Space, once_for_each
@@ -118,9 +118,9 @@ class Kernels:
     def __init__(self, space: Space) -> None:
         orders, effects = space.model.layout.orders, space.model.effects
         self.grid: Grid = grid_of(space.model)
-        company = _company(effects)
+        null_effects = _null_effects(effects)
         # Slow roll is another row, at its own speed; names and prior scales as text would be in the compiled code.
-        self._plain = Part.of(space, [e.name for e in effects if _is_linear(e)], orders, company)
+        self._plain = Part.of(space, [e.name for e in effects if _is_linear(e)], orders, null_effects)
         self._linear, self._swept = (
             compiled(kernel, self._plain.space, self._plain.space.model, LINEAR_CHUNK, often=True)
             for kernel in (linear_kernels.linear, linear_kernels.sweep)
@@ -130,7 +130,7 @@ class Kernels:
         # Read at the usual orders too: whichever of them were measured, the compiled code is the same.
         usual = tuple(sorted({*orders, *USUAL_ORDERS}))
         self._read = [usual.index(order) for order in orders]
-        self._moving = Part.of(space, [e.name for e in effects if not _is_force_only(e)], usual, company)
+        self._moving = Part.of(space, [e.name for e in effects if not _is_force_only(e)], usual, null_effects)
         self._along, self._refined = (
             compiled(kernel, self._moving.space, self._moving.space.model, BALANCED_CHUNK, often=True)
             for kernel in (linear_kernels.along, linear_kernels.finer)
@@ -142,27 +142,30 @@ class Kernels:
         """Whether the programs for nonlinear forces were called before."""
         return self._along.program.warm and all(forces.warm for forces in self._forces)
 
-    def makers(self, conditions: Conditions, *, swept: bool = True) -> list[Callable[[], None]]:
-        """What makes each program, in the order in which a search needs them, for conditions like these.
-        **Arguments:** ``swept``: the one for what a sweep adds, too.
+    def linear_makers(self, conditions: Conditions) -> list[Callable[[], None]]:
+        """What makes each program without nonlinear forces, in the order in which a search needs them, for conditions
+        like these.
         """
-        rows = Rows.without_slopes(
-            np.zeros((1, self._sweeping.size - 1)),
-            *(
-                np.asarray(values)[:1]
-                for values in (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
-            ),
-        )
-        plain, moving = self._rows_of(self._plain, rows), self._rows_of(self._moving, rows).steady
-        motion, wide = np.zeros((1, self.dof, self.coefficients)), np.zeros((1, self.dof, self.wide))
+        rows = self._rows_of(self._plain, self._row_at(conditions))
+        return [lambda: self._linear.make(*rows.steady), lambda: self._swept.make(*rows)]
+
+    def balanced_makers(self, conditions: Conditions) -> list[Callable[[], None]]:
+        """The same for the programs of the balance of forces."""
+        unknowns, columns, *along = self._rows_of(self._moving, self._row_at(conditions)).steady
+        motion, wide = (np.zeros((1, self.dof, count)) for count in (self.coefficients, self.wide))
         return [
-            lambda: self._linear.make(*plain.steady),
-            *([lambda: self._swept.make(*plain)] if swept else []),
-            lambda: self._along.make(*moving, motion),
+            lambda: self._along.make(unknowns, columns, *along, motion),
             *(functools.partial(forces.make, COLUMNS, self.grid) for forces in self._forces),
-            lambda: self._refined.make(moving[0], *moving[2:], wide),
+            lambda: self._refined.make(unknowns, *along, wide),
             *(functools.partial(forces.make_fine, self.grid.finer) for forces in self._forces),
         ]
+
+    def _row_at(self, conditions: Conditions) -> Rows:
+        """The first case, every effect at its null."""
+        first = (conditions.speed, conditions.unbalance, conditions.bow, conditions.sweeps)
+        return Rows.without_slopes(
+            np.zeros((1, self._sweeping.size - 1)), *(np.asarray(values)[:1] for values in first)
+        )
 
     @property
     def coefficients(self) -> int:
@@ -220,10 +223,10 @@ class Kernels:
         """All parts of the balance: of the linear rotor, then the sum of the forces that act."""
         motion, own = rows[5], rows[6:]
         parts = self._along.chunk(*rows[:6])
-        count = 2 * len(Course._fields)
-        rest, course = parts[:-count], [np.asarray(part) for part in parts[-count:]]
+        count = 2 * len(ForceInputs._fields)
+        rest, inputs = parts[:-count], [np.asarray(part) for part in parts[-count:]]
         acting = [
-            forces.slopes.chunk(values, changes, *course, motion)
+            forces.slopes.chunk(values, changes, *inputs, motion)
             for forces, values, changes in zip(self._forces, own[::2], own[1::2], strict=True)
             if np.any(values) or np.any(changes)
         ]
@@ -245,10 +248,10 @@ class Kernels:
     def _refined_chunk(self, *rows: np.ndarray) -> list[Array | np.ndarray]:
         motion, own = rows[4], rows[5:]
         parts = self._refined.chunk(*rows[:5])
-        count = len(Course._fields)
-        rest, course = parts[:-count], [np.asarray(part) for part in parts[-count:]]
+        count = len(ForceInputs._fields)
+        rest, inputs = parts[:-count], [np.asarray(part) for part in parts[-count:]]
         acting = [
-            forces.fine.chunk(values, *course, motion)
+            forces.fine.chunk(values, *inputs, motion)
             for forces, values in zip(self._forces, own, strict=True)
             if np.any(values)
         ]
@@ -290,7 +293,7 @@ def _is_force_only(effect: Effect) -> bool:
     return isinstance(effect, RestoringEffect) and not isinstance(effect, more)
 
 
-def _company(effects: Iterable[Effect]) -> list[type[Effect]]:
+def _null_effects(effects: Iterable[Effect]) -> list[type[Effect]]:
     """Linear terms of a missing force, where the whole catalogue is there: one program then serves both."""
     whole = CATALOG.keys() <= {effect.name for effect in effects}
     return [cls for cls in TERMS.values() if not issubclass(cls, RestoringEffect)] if whole else []

@@ -14,8 +14,15 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.inference.curvature import ROUNDING, unit_diagonal
+from rotorjax.inference.descent_settings import (
+    CONVERGED,
+    FIRST_DAMPING,
+    MAX_STEPS,
+    NOT_FINITE,
+    PATIENCE,
+    DescentSettings,
+)
 from rotorjax.inference.linearised import Linearisation, Linearised, Point
-from rotorjax.inference.manner import CONVERGED, FIRST_DAMPING, MAX_STEPS, NOT_FINITE, PATIENCE, Manner
 from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.normal import Normal, Task
 from rotorjax.inference.prior import Prior, prior_at, together
@@ -32,7 +39,7 @@ class Descent:
 
     lin: Linearisation
     task: Task
-    manner: Manner
+    settings: DescentSettings
     trial: Point
     known: bool
     """Whether it began with motions that balance, or nearly."""
@@ -45,8 +52,8 @@ class Descent:
 
     def __post_init__(self) -> None:
         self.coupled = self.trial.motions is not None
-        self.freedom = 0.0 if self.known or not self.coupled else self.manner.first_freedom * self._reach()
-        self.trial = self.trial._replace(yielding=self.freedom > 0.0)
+        self.freedom = 0.0 if self.known or not self.coupled else self.settings.first_freedom * self._reach()
+        self.trial = self.trial._replace(slack=self.freedom > 0.0)
         self.of_noise = 0.5 * np.count_nonzero(self.lin.data.weight[self.task.training])
         self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
         self.judged = self.lin.states.seen_in(np.flatnonzero(self.task.training))
@@ -91,7 +98,7 @@ class Descent:
         """Go on from the parameters where it is, with motions that balance."""
         assert self.here is not None
         self.freedom, self.cost, self.early = 0.0, math.inf, True
-        self.trial = self.here.point._replace(yielding=False)
+        self.trial = self.here.point._replace(slack=False)
         self.damping, self.growth, self.cap = FIRST_DAMPING, 2.0, 1.0
 
     def give_up(self, result: int = MAX_STEPS) -> None:
@@ -110,8 +117,8 @@ class Descent:
 
     def _off(self) -> float:
         """Standard errors by which what is read is off balance, at most."""
-        freedom = None if self.here is None else self.here.freedom
-        return 0.0 if freedom is None else float(np.max(freedom.off[self.judged], initial=0.0))
+        response = None if self.here is None else self.here.response
+        return 0.0 if response is None else float(np.max(response.off[self.judged], initial=0.0))
 
     def advance(self, there: Linearised) -> None:
         """Take the trial or leave it, and propose the next one."""
@@ -135,7 +142,7 @@ class Descent:
         fallen = taken and not first and fall <= limit and self.damping < 1e-4
         stuck = self.stalled >= PATIENCE
         balanced = self.freedom == 0.0 and self._off() < BALANCED
-        if self.steps >= self.manner.most_steps:
+        if self.steps >= self.settings.most_steps:
             self.done = True
         elif balanced and (self.decrement <= limit or fallen):
             self._arrived()
@@ -170,20 +177,20 @@ class Descent:
 
     def _slack(self) -> float:
         """Rise of the cost that is put down to motions that do not balance yet, or to rounding."""
-        return self._limit() if self.settled else self._limit() + self.manner.lenient * self.cost
+        return self._limit() if self.settled else self._limit() + self.settings.cost_slack * self.cost
 
     def _limit(self) -> float:
         """Change of the cost that counts as none."""
-        return float(self.manner.tolerance * (self.cost + self.of_noise))
+        return float(self.settings.tolerance * (self.cost + self.of_noise))
 
     def _firmer(self) -> None:
         """Less freedom of the motions, and the cost as it is then."""
-        if self.freedom == 0.0 or self.here is None or self.here.freedom is None:
+        if self.freedom == 0.0 or self.here is None or self.here.response is None:
             return
-        assert self.here.freedom.own is not None
-        size = float(np.max(np.linalg.norm(self.here.freedom.own.reach, axis=2)[self.task.training], initial=0.0))
+        assert self.here.response.own is not None
+        size = float(np.max(np.linalg.norm(self.here.response.own.reach, axis=2)[self.task.training], initial=0.0))
         while self.freedom > 0.0:
-            self.freedom *= self.manner.firmer
+            self.freedom *= self.settings.freedom_decay
             self.freedom = 0.0 if self.freedom * size < BALANCED else self.freedom
             self.normal = Normal(self.lin, self.here, self.task, self.freedom)
             self.cost = self.normal.cost + self.prior.cost
@@ -195,7 +202,7 @@ class Descent:
         """At an end; where orders depend on one another once more with more of them."""
         assert self.here is not None
         if self.coupled and not self.here.point.refined:
-            self.trial = self.here.point._replace(refined=True, yielding=False)
+            self.trial = self.here.point._replace(refined=True, slack=False)
             self.since = 0
         else:
             self.result, self.done = CONVERGED, True

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from rotorjax.inference.force_kernels import Course
+from rotorjax.inference.force_kernels import ForceInputs
 from rotorjax.inference.space import Space
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
@@ -55,7 +55,7 @@ class _Followed(NamedTuple):
     """
 
     lacking: Vector
-    course: Course
+    inputs: ForceInputs
     sensed: Sensed
 
 
@@ -90,7 +90,7 @@ def along(
 
     def followed(u: Array, motion: Array, *condition: Array) -> _Followed:
         there = ready(u, *condition)
-        return _Followed(there.lacking(motion), Course.of(there), there.sensed(motion))
+        return _Followed(there.lacking(motion), ForceInputs.of(there), there.sensed(motion))
 
     def by_motion_of(u: Array, *condition: Array) -> tuple[Array, Matrix]:
         there = ready(u, *condition)
@@ -105,7 +105,7 @@ def along(
     # Parts by themselves: to put them side by side costs more in compiled code than outside.
     return (
         shown.shown, shown.slopes, shown.by_motion, here.lacking.x, here.lacking.y, moved.lacking.x, moved.lacking.y,
-        dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, *here.course, *moved.course,
+        dynamic.xx, dynamic.xy, dynamic.yx, dynamic.yy, *here.inputs, *moved.inputs,
     )  # fmt: skip
 
 
@@ -117,7 +117,7 @@ def finer(space: Space, unknowns: Array, speed: Array, unbalance: Array, bow: Ar
         compliance = ready.assembled.dynamic.inverse()
         return (
             ready.system.lacking(motion), ready.system.free,
-            compliance.xx, compliance.xy, compliance.yx, compliance.yy, *Course.of(ready),
+            compliance.xx, compliance.xy, compliance.yx, compliance.yy, *ForceInputs.of(ready),
         )  # fmt: skip
 
     return jax.vmap(row)(unknowns, speed, unbalance, bow, motions)

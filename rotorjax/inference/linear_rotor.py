@@ -28,7 +28,7 @@ from rotorjax.physics.steady_state import by_order, in_space, positions, without
 from rotorjax.physics.sweep import added_by_sweep
 
 
-class Sight(NamedTuple):
+class ProbeMap(NamedTuple):
     """How the probes see the disk: z / turn = along q + rest."""
 
     along: Complex[np.ndarray, "case order probe dof"]
@@ -40,12 +40,12 @@ class Sight(NamedTuple):
     """What the rotor turns at, where the speed read is off."""
 
 
-def in_linear_company(model: Model) -> Model:
+def with_null_linear_effects(model: Model) -> Model:
     """The model without nonlinear forces, with all linear effects of the catalogue: the compiled code is
     then the same for every model.
     """
     linear = (cls for cls in CATALOG.values() if not issubclass(cls, RestoringEffect | WaveformEffect))
-    return without_coupling(model).in_company(linear)
+    return without_coupling(model).with_null_effects(linear)
 
 
 class LinearRotor:
@@ -54,7 +54,7 @@ class LinearRotor:
     """
 
     def __init__(self, model: Model) -> None:
-        full = in_linear_company(model)
+        full = with_null_linear_effects(model)
         self._slow_roll = None if model.slow_roll is None else float(model.slow_roll)
         self._rotor, self._swept = (
             compiled(kernel, nameless(full), full, LINEAR_CHUNK) for kernel in (_linear_rotor, _sweep_of_rotor)
@@ -65,9 +65,9 @@ class LinearRotor:
         """Make its program, for conditions like these."""
         self._rotor.make(*(np.asarray(v) for v in (conditions.speed, conditions.unbalance, conditions.bow)))
 
-    def sight(self, conditions: Conditions) -> Sight:
+    def sight(self, conditions: Conditions) -> ProbeMap:
         """How the probes see the disk at each of these conditions."""
-        return Sight(*self._at(conditions)[2:])
+        return ProbeMap(*self._at(conditions)[2:])
 
     def vectors(self, conditions: Conditions) -> Complex[np.ndarray, "case probe order"]:
         """`rotorjax.physics.response` [m]."""

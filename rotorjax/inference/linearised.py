@@ -42,11 +42,11 @@ class Point(NamedTuple):
     """
     refined: bool = False
     """Whether the force is taken along more orders and at more instants."""
-    yielding: bool = False
+    slack: bool = False
     """Whether the motions of the cases have a freedom of their own, whose effect is linearised, too."""
 
 
-class Yielding(NamedTuple):
+class ForceSlack(NamedTuple):
     """What a force that is left on the rotor does to the motions, and to what is read of them."""
 
     by_force: Float[np.ndarray, "case motion motion"]
@@ -57,7 +57,7 @@ class Yielding(NamedTuple):
     """X W⁻¹: the same in the vectors, in standard errors per metre."""
 
 
-class Freedom(NamedTuple):
+class MotionResponse(NamedTuple):
     """How motions answer, where orders depend on one another. Those at slow roll have no freedom of their own."""
 
     newton: Float[np.ndarray, "state motion"]
@@ -69,15 +69,15 @@ class Freedom(NamedTuple):
     """Largest |X g|: standard errors by which the reading is off what balance will make of it."""
     followed: Float[np.ndarray, "state dof wide"]
     """The motions, their higher orders as they follow the force."""
-    own: Yielding | None = None
-    """Where the point is `Point.yielding`."""
+    own: ForceSlack | None = None
+    """Where the point is `Point.slack`."""
 
 
 class Imbalance(NamedTuple):
     """How far some motions are from balance, each of a state at some parameters."""
 
     size: Float[np.ndarray, "row"]
-    """As in `Freedom`."""
+    """As in `MotionResponse`."""
     off: Float[np.ndarray, "row"]
     """As there."""
     step: Float[np.ndarray, "row dof coefficient"]
@@ -94,21 +94,21 @@ class Linearised(NamedTuple):
     error: Float[np.ndarray, "case cell"]
     """(shown - measured) / σ."""
     slopes: Float[np.ndarray, "case cell free"]
-    freedom: Freedom | None
+    response: MotionResponse | None
 
     def with_cases(self, states: States, cases: Int[np.ndarray, "near"], other: "Linearised") -> "Linearised":
         """Some cases in the place of their own, linearised at other motions, which have no freedom of their own."""
         place = states.seen_in(cases)
         parts = [
-            _replaced(getattr(self.freedom, part), place, getattr(other.freedom, part))
-            for part in Freedom._fields
+            _replaced(getattr(self.response, part), place, getattr(other.response, part))
+            for part in MotionResponse._fields
             if part != "own"
         ]
-        freedom = Freedom(*parts, own=None)
+        response = MotionResponse(*parts, own=None)
         shown, error, slopes = (
             _replaced(getattr(self, part), cases, getattr(other, part)) for part in ("shown", "error", "slopes")
         )
-        return Linearised(other.point, shown, error, slopes, freedom)
+        return Linearised(other.point, shown, error, slopes, response)
 
     @property
     def finite(self) -> bool:
@@ -300,16 +300,18 @@ class Linearisation:
         shown = self.states.read(eq.shown[0] - off, task.cases)
         slopes = self.states.read(_joined(eq.slopes, free) - read @ newton_slopes, task.cases)
         own = None
-        if task.point.yielding:
+        if task.point.slack:
             by_force, seen = inverse[:count] / per_force[:count, None, :], read[:count] * weight
-            own = Yielding(by_force, seen, seen @ by_force)
-        freedom = Freedom(
+            own = ForceSlack(by_force, seen, seen @ by_force)
+        response = MotionResponse(
             newton, newton_slopes, np.linalg.norm(force * per_force, axis=1),
             np.abs(off * self._state_weight[task.states]).max(axis=1), followed, own,
         )  # fmt: skip
-        return self._held_against(task, shown, slopes, freedom)
+        return self._held_against(task, shown, slopes, response)
 
-    def _held_against(self, task: _Task, shown: np.ndarray, slopes: np.ndarray, freedom: Freedom | None) -> Linearised:
+    def _held_against(
+        self, task: _Task, shown: np.ndarray, slopes: np.ndarray, response: MotionResponse | None
+    ) -> Linearised:
         """In standard errors; a half order is compared up to the sign that a once-per-turn reference leaves open."""
         weight, pairs = self._weight[task.cases], self.data.pairs[task.cases]
         # What was not measured need not exist.
@@ -317,7 +319,7 @@ class Linearisation:
         sign = half_order_sign(there.reshape(pairs.shape), pairs, self.data.weight[task.cases], self.data.half_order)
         measured = (sign * pairs).reshape(weight.shape)
         by_free = np.where(weight[..., None] > 0.0, slopes, 0.0)
-        return Linearised(task.point, shown, weight * (there - measured), weight[..., None] * by_free, freedom)
+        return Linearised(task.point, shown, weight * (there - measured), weight[..., None] * by_free, response)
 
     def vectors(self, shown: Float[np.ndarray, "case cell"]) -> Complex[np.ndarray, "case probe order"]:
         """Cells as complex vectors [m]; order 0 is real."""
@@ -326,8 +328,8 @@ class Linearisation:
 
     def moved(self, one: Linearised, step: Float[np.ndarray, "state motion"]) -> Float[np.ndarray, "state dof wide"]:
         """The motions after a step of what is balanced; higher orders as they follow the force."""
-        assert one.freedom is not None
-        motions = one.freedom.followed.copy()
+        assert one.response is not None
+        motions = one.response.followed.copy()
         motions[..., : self.kernels.coefficients] += step.reshape(*motions.shape[:2], -1)
         return motions
 

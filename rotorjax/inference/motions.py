@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rotorjax.inference.kernels import BALANCED_CHUNK
-from rotorjax.inference.linearised import Freedom, Imbalance, Linearisation, Linearised, Point
+from rotorjax.inference.linearised import Imbalance, Linearisation, Linearised, MotionResponse, Point
 
 BALANCED = 0.1
 """Standard errors by which the reading of a motion may be off what balance would make of it."""
@@ -36,17 +36,17 @@ def first_motions(
     if not distinct:
         return []
     known = {}
-    at_rest = [Point(point, lin.at_rest, yielding=True) for point in distinct]
+    at_rest = [Point(point, lin.at_rest, slack=True) for point in distinct]
     for one in lin.at(at_rest, [np.zeros(0, int)] * len(distinct)):
-        assert one.freedom is not None
-        assert one.freedom.own is not None
+        assert one.response is not None
+        assert one.response.own is not None
         free, size = (
-            -one.freedom.newton,
+            -one.response.newton,
             FIRST_MOTION * max(float(np.abs(lin.data.pairs).max()), 1.0 / float(np.max(lin.data.weight))),
         )
         likely = size**2 * _alike(free[: lin.cases].reshape(lin.cases, lin.kernels.dof, lin.kernels.coefficients))
-        along = likely @ np.swapaxes(one.freedom.own.seen, 1, 2)
-        shown = one.freedom.own.seen @ along + np.eye(one.error.shape[1])
+        along = likely @ np.swapaxes(one.response.own.seen, 1, 2)
+        shown = one.response.own.seen @ along + np.eye(one.error.shape[1])
         # What was subtracted as slow roll is left as it is.
         free[: lin.cases] -= (along @ np.linalg.solve(shown, one.error[..., None]))[..., 0]
         known[one.point.unknowns.tobytes()] = lin.moved(one, free)
@@ -80,10 +80,10 @@ def balanced(
     be off balance.
     **Returns** the points, and of each the cases that read of what was moved.
     """
-    freedoms = [one.freedom for one in astray if one.freedom is not None]
+    responses = [one.response for one in astray if one.response is not None]
     motions, moved = (
         [np.array(one.point.motions) for one in astray],
-        [np.flatnonzero(freedom.off > tight) for freedom in freedoms],
+        [np.flatnonzero(response.off > tight) for response in responses],
     )
     for refined in (False, True):
         rows = [(k, state) for k, one in enumerate(astray) if one.point.refined == refined for state in moved[k]]
@@ -95,7 +95,7 @@ def balanced(
             np.stack([astray[k].point.unknowns for k in which]),
             states,
             np.stack([motions[k][state] for k, state in rows]),
-            _imbalances([freedoms[k] for k in which], states),
+            _imbalances([responses[k] for k in which], states),
             tight,
             refined=refined,
         )
@@ -142,10 +142,10 @@ def _towards_balance(
     return found
 
 
-def _imbalances(freedoms: list[Freedom], states: Int[np.ndarray, "row"]) -> Imbalance:
+def _imbalances(responses: list[MotionResponse], states: Int[np.ndarray, "row"]) -> Imbalance:
     """Of states that are linearised already, one of each."""
     size, off, newton, followed = (
-        np.stack([getattr(freedom, part)[state] for freedom, state in zip(freedoms, states, strict=True)])
+        np.stack([getattr(response, part)[state] for response, state in zip(responses, states, strict=True)])
         for part in ("size", "off", "newton", "followed")
     )
     return Imbalance(size, off, -newton.reshape(*followed.shape[:-1], -1), followed)

@@ -26,14 +26,14 @@ class Normal(Squares):
     """The normal equations of one linearisation under one freedom of the motions."""
 
     def __init__(self, lin: Linearisation, one: Linearised, task: Task, freedom: float) -> None:
-        self.one, self.task, self.freedom = one, task, freedom if one.freedom is not None else 0.0
+        self.one, self.task, self.freedom = one, task, freedom if one.response is not None else 0.0
         counted = task.training[:, None]
         error = (one.error if task.shift is None else one.error + task.shift) * counted
         slopes, common = one.slopes * counted[..., None], lin.data.common * counted[..., None]
         self._factor = None
-        if self.freedom > 0.0 and one.freedom is not None:
-            assert one.freedom.own is not None
-            reach = self.freedom * one.freedom.own.reach * counted[..., None]
+        if self.freedom > 0.0 and one.response is not None:
+            assert one.response.own is not None
+            reach = self.freedom * one.response.own.reach * counted[..., None]
             self._factor = np.linalg.cholesky(np.eye(reach.shape[1]) + reach @ np.swapaxes(reach, 1, 2))
             error = np.linalg.solve(self._factor, error[..., None])[..., 0]
             slopes, common = np.linalg.solve(self._factor, slopes), np.linalg.solve(self._factor, common)
@@ -41,7 +41,7 @@ class Normal(Squares):
 
     def motion_step(self, step: Float[np.ndarray, "free"]) -> Float[np.ndarray, "state motion"]:
         """How the motions move with a step of the parameters."""
-        free = self.one.freedom
+        free = self.one.response
         assert free is not None
         moved = -(free.newton + free.newton_slopes @ step)
         if self._factor is not None and free.own is not None:

@@ -15,7 +15,7 @@ from rotorjax.inference.programs import nameless
 from rotorjax.inference.space import Space
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import Effect
-from rotorjax.model.model import in_company
+from rotorjax.model.model import with_null_effects
 
 
 class Part(NamedTuple):
@@ -30,14 +30,14 @@ class Part(NamedTuple):
 
     @classmethod
     def of(
-        cls, space: Space, names: Iterable[str], orders: tuple[float, ...], company: Iterable[type[Effect]] = ()
+        cls, space: Space, names: Iterable[str], orders: tuple[float, ...], null_effects: Iterable[type[Effect]] = ()
     ) -> "Part":
-        """The effects of these names, for some orders. **Arguments:** ``company``: classes of effects that are there at
-        their null, too.
+        """The effects of these names, for some orders. **Arguments:** ``null_effects``: classes of effects that
+        are there at their null, too.
         """
         whole = nameless(space.model)
         structure = jax.tree.structure(whole.effects)
-        effects, entry = _frame(structure, whole.layout, frozenset(names), orders, tuple(company))
+        effects, entry = _frame(structure, whole.layout, frozenset(names), orders, tuple(null_effects))
         there = entry >= 0
 
         def known(of_whole: Array, otherwise: int) -> np.ndarray:
@@ -86,7 +86,7 @@ def _frame(
     layout: Layout,
     names: frozenset[str],
     orders: tuple[float, ...],
-    company: tuple[type[Effect], ...],
+    null_effects: tuple[type[Effect], ...],
 ) -> tuple[tuple[Effect, ...], Int[np.ndarray, "own"]]:
     """The effects of a part, at their null, and of each of their numbers the entry in the whole, or -1. **Arguments:**
     ``structure``: of all effects, as a pytree.
@@ -94,7 +94,7 @@ def _frame(
     every: tuple[Effect, ...] = structure.unflatten([None] * structure.num_leaves)
     own, new = tuple(effect for effect in every if effect.name in names), layout._replace(orders=orders)
     nothing = [as_array(np.zeros(p.shape(new))) for effect in own for p in effect.parameters()]
-    effects = in_company(jax.tree.structure(own, is_leaf=_is_none).unflatten(nothing), company, new)
+    effects = with_null_effects(jax.tree.structure(own, is_leaf=_is_none).unflatten(nothing), null_effects, new)
     old = {label: k for k, label in enumerate(_labels(every, layout))}
     return effects, np.array([old.get(label, -1) for label in _labels(effects, new)], dtype=int)
 

@@ -105,8 +105,8 @@ def _nearest(wanted: States, known: States) -> Int[np.ndarray, "state"]:
 def _linear_motions(lin: Linearisation, point: Float[np.ndarray, "param"]) -> Float[np.ndarray, "state dof wide"]:
     plain = np.where(lin.space.coupled(), 0.0, point)
     (one,) = lin.at([Point(plain, lin.at_rest)], [np.zeros(0, int)])
-    assert one.freedom is not None
-    return lin.moved(one, -one.freedom.newton)
+    assert one.response is not None
+    return lin.moved(one, -one.response.newton)
 
 
 def _balanced(
@@ -123,6 +123,6 @@ def _balanced(
         (near,), _ = balanced(lin, [here], tight)
         motions = np.asarray(near.motions)
     (one,) = lin.at([Point(point, motions, True)], [free])
-    assert one.freedom is not None
-    found = lin.states.everywhere(one.freedom.off <= tight)
+    assert one.response is not None
+    found = lin.states.everywhere(one.response.off <= tight)
     return np.where(found[:, None], one.shown, np.nan), np.where(found[:, None, None], one.slopes, np.nan)

@@ -43,9 +43,9 @@ def scan(
     judged = lin.states.seen_in(np.flatnonzero(training))
     plain = np.where(lin.space.coupled(), 0.0, point)
     (rest,) = lin.at([Point(plain, lin.at_rest)], [none])
-    assert rest.freedom is not None
+    assert rest.response is not None
     for sign in (1.0, -1.0):
-        motions = lin.moved(rest, -rest.freedom.newton)
+        motions = lin.moved(rest, -rest.response.newton)
         for size in STRENGTHS:
             trial = point.copy()
             trial[strength] = sign * size
@@ -54,9 +54,9 @@ def scan(
                 break
             (near,), _ = balanced(lin, here, BALANCED)
             (there,) = lin.at([near], [none])
-            if there.freedom is None or not there.finite or np.any(there.freedom.off[judged] > BALANCED):
+            if there.response is None or not there.finite or np.any(there.response.off[judged] > BALANCED):
                 break
-            motions = lin.moved(there, -there.freedom.newton)
+            motions = lin.moved(there, -there.response.newton)
             cost = float(np.sum(there.error[training] ** 2))
             if cost < best:
                 best, found = cost, Scanned(trial, motions)

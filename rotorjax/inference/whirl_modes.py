@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax.inference.linear_rotor import in_linear_company
+from rotorjax.inference.linear_rotor import with_null_linear_effects
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
@@ -85,7 +85,7 @@ class RotorInTime:
     """M q̈ + C q̇ + K q = 0 at any speeds, of a model in company of all linear effects of the catalogue."""
 
     def __init__(self, model: Model) -> None:
-        full = in_linear_company(model)
+        full = with_null_linear_effects(model)
         self._spin = int(model.rotor.spin)
         self._at = compiled(_matrices, nameless(full), full, LINEAR_CHUNK)
 

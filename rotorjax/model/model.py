@@ -24,7 +24,9 @@ def _at_null(cls: type[Effect], layout: Layout, dtype: np.dtype) -> Effect:
     return cls().sized(layout)
 
 
-def in_company(effects: tuple[Effect, ...], classes: Iterable[type[Effect]], layout: Layout) -> tuple[Effect, ...]:
+def with_null_effects(
+    effects: tuple[Effect, ...], classes: Iterable[type[Effect]], layout: Layout
+) -> tuple[Effect, ...]:
     """Effects with those of these classes, at their null where they are not among them, in the order of a model."""
     own, dtype = {e.name for e in effects}, jnp.result_type(float)
     return _in_order([*effects, *(_at_null(cls, layout, dtype) for cls in classes if cls.name not in own)])
@@ -77,9 +79,9 @@ class Model(eqx.Module, Shown):
             every[effect.name] = sized if present is None else jax.tree.map(jnp.add, present, sized)
         return self._with_effects(every.values())
 
-    def in_company(self, classes: Iterable[type[Effect]]) -> "Model":
+    def with_null_effects(self, classes: Iterable[type[Effect]]) -> "Model":
         """The model with the effects of these classes, at their null where it does not have them."""
-        return dataclasses.replace(self, effects=in_company(self.effects, classes, self.layout))
+        return dataclasses.replace(self, effects=with_null_effects(self.effects, classes, self.layout))
 
     def __contains__(self, name: str) -> bool:
         return self.find(name) is not None

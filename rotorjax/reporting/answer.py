@@ -3,7 +3,7 @@
 from rotorjax.data.declarations import Mistake, amplitude_changes
 from rotorjax.discovery.bootstrap import UNEXPLAINED
 from rotorjax.discovery.explanation import Explanation
-from rotorjax.discovery.search import DETECTED, none_left
+from rotorjax.discovery.ranking import is_detected, none_left
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
 from rotorjax.reporting.missing_force import missing_force_lines
@@ -27,13 +27,13 @@ def sentence(found: Explanation) -> str:
     first, fall = misses(found), fall_line(found)
     if found.verdict == "unexplained" and found.named_force is not None and found.named_force.enough:
         # What explains all comes before what explains a part.
-        parts = [told(found), *named, first, fall, *as_if_lines(found), *tie_lines(found), left_line(found)]
+        parts = [verdict_sentence(found), *named, first, fall, *as_if_lines(found), *tie_lines(found), left_line(found)]
     else:
-        parts = [told(found), *as_if_lines(found), first, fall, *tie_lines(found), left_line(found), *named]
+        parts = [verdict_sentence(found), *as_if_lines(found), first, fall, *tie_lines(found), left_line(found), *named]
     return " ".join(part for part in parts if part)
 
 
-def told(found: Explanation) -> str:
+def verdict_sentence(found: Explanation) -> str:
     """The verdict in a sentence or two."""
     by_verdict = {
         "nothing missing": _nothing,
@@ -173,7 +173,7 @@ def as_if_lines(found: Explanation) -> list[str]:
 
 def would_be_next(found: Explanation) -> str | None:
     """The effect at which the limit on their number stopped the search, if it did."""
-    stopped = len(found.effects) >= found.max_effects and none_left(found.rankings[-1]) < DETECTED
+    stopped = len(found.effects) >= found.max_effects and is_detected(found.rankings[-1])
     return found.more[0].effect if stopped and found.more else None
 
 

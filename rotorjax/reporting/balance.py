@@ -17,7 +17,7 @@ from rotorjax.discovery.fit import Fit
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.inference.estimates import NORMAL_QUANTILE
 from rotorjax.model.model import Model
-from rotorjax.reporting.intervals import decimals_of, told, told_angle
+from rotorjax.reporting.intervals import angle_and_error, decimals_of, value_and_error
 from rotorjax.reporting.tables import Table, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM
 
@@ -129,16 +129,17 @@ def balance_line(correction: Correction, *, alone: bool = False, proviso: str = 
     must hold for it, from a comma on.
     """
     c, where = correction, f"in plane {correction.name}{' alone' if alone else ''}"
-    size, error = told(c.size, c.unbalance.half_interval, GRAM_MILLIMETRE)
+    size, error = value_and_error(c.size, c.unbalance.half_interval, GRAM_MILLIMETRE)
     amount, hint = f"{size} ± {error} g mm", f" For a mass in grams give radius_mm under [planes.{c.name}]."
     if c.plane.radius_m is not None:
-        mass, error = told(*_grams(c))
+        mass, error = value_and_error(*_grams(c))
         amount, hint = f"{mass} ± {error} g at a radius of {1e3 * c.plane.radius_m:g} mm,", ""
-    angle, turn = told_angle(c.correction_angle_deg, c.unbalance.angle_half_interval_deg)
-    from_it = f"(opposite the unbalance at {told_angle(c.angle_deg, c.unbalance.angle_half_interval_deg)[0]}°)"
+    angle, turn = angle_and_error(c.correction_angle_deg, c.unbalance.angle_half_interval_deg)
+    sense = c.convention.weight_angles.replace("-", " the ")
+    from_it = f"(opposite the unbalance at {angle_and_error(c.angle_deg, c.unbalance.angle_half_interval_deg)[0]}°)"
     holes = _holes(c)
     return (
-        f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° {where} {from_it}"
+        f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° from +x {sense} {where} {from_it}"
         f"{f', that is {holes}' if holes else ''}. Specific unbalance times speed at {c.speed / RPM:.0f} rpm "
         f"({c.speed_is}): {number(c.grade(c.size))} mm/s before, below {number(c.grade(c.left_below), 2)} mm/s after "
         f"(95 %, if installed exactly); grade G of ISO 21940-11 where the rotor behaves as rigid.{hint}"
@@ -212,9 +213,9 @@ def _opposite(unbalance: Fault, rig: Rig) -> str:
     """The weight against an unbalance."""
     if unbalance.covariance is not None and not unbalance.differs_from_zero:
         return f"not different from zero, below {number(unbalance.below / GRAM_MILLIMETRE, 2)} g mm,"
-    size, error = told(unbalance.magnitude, unbalance.half_interval, GRAM_MILLIMETRE)
+    size, error = value_and_error(unbalance.magnitude, unbalance.half_interval, GRAM_MILLIMETRE)
     at = rig.convention.angle_deg(unbalance.pair) + 180.0
-    angle, turn = told_angle(at, unbalance.angle_half_interval_deg)
+    angle, turn = angle_and_error(at, unbalance.angle_half_interval_deg)
     return f"{size} g mm at {angle}°" if error == "-" else f"{size} ± {error} g mm at {angle}° ± {turn}°"
 
 

@@ -18,12 +18,14 @@ FAR = 100.0
 def critical_speeds_lines(story: Story) -> list[str]:
     """Critical speeds with what was added, and as declared where they differ; then stability, where it is at stake."""
     after, before = story.lateral, story.lateral_declared
-    differs = story.changed and _told(after) != _told(before)
-    lines = [f"Critical speeds: {_told(after)}{f'; as declared {_told(before, short=True)}' if differs else ''}."]
+    differs = story.changed and _sentence(after) != _sentence(before)
+    lines = [
+        f"Critical speeds: {_sentence(after)}{f'; as declared {_sentence(before, short=True)}' if differs else ''}."
+    ]
     return [*lines, *([line] if (line := _stability_line(after)) else [])]
 
 
-def _told(found: Lateral, *, short: bool = False) -> str:
+def _sentence(found: Lateral, *, short: bool = False) -> str:
     """Critical speeds in a sentence. **Arguments:** ``short``: with the damping ratio alone."""
     if found.critical_speeds is None:
         return "not computed, as the model has an effect that mass, damping and stiffness matrices cannot express"

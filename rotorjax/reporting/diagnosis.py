@@ -21,7 +21,7 @@ from rotorjax.reporting.balance import (
     influence_lines,
 )
 from rotorjax.reporting.comparison import measurement_line
-from rotorjax.reporting.intervals import together, told, told_angle
+from rotorjax.reporting.intervals import angle_and_error, together, value_and_error
 from rotorjax.reporting.tables import Table, laid_out, number
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
@@ -72,8 +72,8 @@ def _fault_cells(fault: Fault | None, unit: float, convention: Convention) -> li
         return ["not determined", "-"]
     if not fault.differs_from_zero:
         return [f"below {number(fault.below / unit, 2)}", "-"]
-    angle = told_angle(convention.angle_deg(fault.pair), fault.angle_half_interval_deg)
-    return [together(told(fault.magnitude, fault.half_interval, unit)), together(angle)]
+    angle = angle_and_error(convention.angle_deg(fault.pair), fault.angle_half_interval_deg)
+    return [together(value_and_error(fault.magnitude, fault.half_interval, unit)), together(angle)]
 
 
 def _alone(run: RunDiagnosis, convention: Convention) -> str:
@@ -81,8 +81,8 @@ def _alone(run: RunDiagnosis, convention: Convention) -> str:
     alone = run.unbalance_alone
     if alone is None:
         return "-"
-    size, _ = told(alone.magnitude, alone.half_interval, GRAM_MILLIMETRE)
-    return f"{size} at {told_angle(convention.angle_deg(alone.pair), 10.0)[0]}°"
+    size, _ = value_and_error(alone.magnitude, alone.half_interval, GRAM_MILLIMETRE)
+    return f"{size} at {angle_and_error(convention.angle_deg(alone.pair), 10.0)[0]}°"
 
 
 def _notes(diagnosis: Diagnosis, found: list[RunDiagnosis]) -> list[str]:

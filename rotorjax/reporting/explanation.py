@@ -5,8 +5,8 @@ from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.probable import CREDIBLE, credible
+from rotorjax.discovery.ranking import DETECTED, Ranked
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import DETECTED, Ranked, none_left
 from rotorjax.discovery.ties import Alternative
 from rotorjax.reporting.answer import (
     as_if_lines,
@@ -16,7 +16,7 @@ from rotorjax.reporting.answer import (
     sentence,
     slight,
     tie_lines,
-    told,
+    verdict_sentence,
     would_be_next,
 )
 from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, predicted_table
@@ -54,7 +54,9 @@ def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
 
 def balance_of(found: Explanation, rig: Rig | None) -> Balance:
     """What corrects the unbalance found, plane by plane; nothing without a rig."""
-    return Balance() if rig is None else balance_of_fit(found.story.fits[-1], rig, found.story.measurement)
+    if rig is None:
+        return Balance()
+    return balance_of_fit(found.story.fits[-1], rig.put_right(found.mistake), found.story.measurement)
 
 
 def ties_table(found: Explanation) -> Table | None:
@@ -173,7 +175,7 @@ def _cut_off(found: Explanation) -> list[str]:
     if not found.written.cut_off:
         return []
     meant = listed([f"whether {mistake.meaning}" for mistake in found.written.cut_off])
-    return [f"Not searched to the end, as it took as long as the search for the answer: {meant}."]
+    return [f"Not searched to the end, as the linearisations allowed for it were spent: {meant}."]
 
 
 def _orders_lacking(found: Explanation) -> list[str]:
@@ -247,11 +249,9 @@ def _not_fitted(found: Explanation, step: int) -> list[str]:
 
 
 def _why_stopped(found: Explanation, ranked: tuple[Ranked, ...]) -> str:
-    if none_left(ranked) >= DETECTED:
-        return f'Nothing is added while "none" has a probability of {100.0 * DETECTED:g} % or more.'
     if would_be_next(found) is not None:
         return f"No more than {found.max_effects} effects were to be added."
-    return "None of these is detected by itself: nothing is added."
+    return f'An effect is added only if it is {(1.0 - DETECTED) / DETECTED:.0f} times as probable as "none".'
 
 
 def _shown(ranked: tuple[Ranked, ...]) -> list[Ranked]:
@@ -266,7 +266,7 @@ def explanation_tables(found: Explanation, rig: Rig | None = None) -> list[Table
     terms = None if found.named_force is None else missing_force_table(found.named_force)
     critical = critical_speeds_table(found.story)
     return [
-        *step_tables(found.story, _convention(rig)),
+        *step_tables(found.story, _convention(found, rig)),
         *(table for table in (critical, probable_table(found), ties_table(found), terms) if table is not None),
         *ranking_tables(found),
     ]
@@ -285,8 +285,9 @@ def cost_line(found: Explanation) -> str:
     )
 
 
-def _convention(rig: Rig | None) -> Convention:
-    return Convention() if rig is None else rig.convention
+def _convention(found: Explanation, rig: Rig | None) -> Convention:
+    """How angles and phases count once what was written down wrongly is put right."""
+    return Convention() if rig is None else rig.put_right(found.mistake).convention
 
 
 def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int | None = None) -> str:
@@ -297,7 +298,7 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [*critical_speeds_lines(found.story), *_to_balance(found, rig)]
     parts += explanation_tables(found, rig)
-    where, convention = "Where it still fails" if found.named else "Where it fails", _convention(rig)
+    where, convention = "Where it still fails" if found.named else "Where it fails", _convention(found, rig)
     parts.append(worst_cells(found.story.last, where, convention))
     parts.append(cost_line(found))
     return laid_out(parts, width, everything="--report FILE.html")
@@ -316,8 +317,9 @@ def explanation_page(
     **Arguments:** ``pictures``: pairs of caption and SVG; ``first``: likewise, to be seen without scrolling; ``rig``:
     for its angles and planes.
     """
-    story, convention = found.story, _convention(rig)
-    where = [worst_cells(story.declared, "Where the model as declared fails", convention)]
+    story, convention = found.story, _convention(found, rig)
+    stated = None if rig is None else rig.convention
+    where = [worst_cells(story.declared, "Where the model as declared fails", stated)]
     where += [worst_cells(story.last, "Where it fails with what was added", convention)] if story.changed else []
     where.append(share_table(story.last, "Share of what is left"))
     top, tables = headline(found, first or [], rig), explanation_tables(found, rig)
@@ -334,9 +336,11 @@ def explanation_page(
 def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | None = None) -> Headline:
     """What is seen without scrolling."""
     named = () if slight(found) else found.effects
-    effects = sizes_by_effect(found.story.fits[-1], named, _convention(rig))
+    effects = sizes_by_effect(found.story.fits[-1], named, _convention(found, rig))
     lines = [*as_if_lines(found), *_to_balance(found, rig), *critical_speeds_lines(found.story), *tie_lines(found)]
     force, enough = missing_force_lines(found), found.named_force is not None and found.named_force.enough
     lines = [*force, *lines, *next_lines(found)] if enough else [*lines, *next_lines(found), *force]
     fall = " ".join(filter(None, (misses(found), fall_line(found), left_line(found))))
-    return Headline(found.verdict, told(found), fall, effects, list(filter(None, lines)), Picture.every(pictures))
+    return Headline(
+        found.verdict, verdict_sentence(found), fall, effects, list(filter(None, lines)), Picture.every(pictures)
+    )

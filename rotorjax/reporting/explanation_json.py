@@ -9,7 +9,7 @@ from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.probable import credible
 from rotorjax.discovery.rivals import TIE
-from rotorjax.inference.manner import CONVERGED
+from rotorjax.inference.descent_settings import CONVERGED
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json

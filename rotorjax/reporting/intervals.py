@@ -14,7 +14,7 @@ def decimals_of(error: float) -> int:
     return max(0, digits + (1 if round(error * 10.0**digits, 1) < 2.0 else 0))
 
 
-def told(value: float, error: float | None, unit: float = 1.0) -> tuple[str, str]:
+def value_and_error(value: float, error: float | None, unit: float = 1.0) -> tuple[str, str]:
     """A value and half of its interval in a unit, to the same decimal; a dash for an error that is not known."""
     if error is None or not math.isfinite(error) or error <= 0.0:
         return number(value / unit), "-"
@@ -28,7 +28,7 @@ def together(value_and_error: tuple[str, str]) -> str:
     return value if error == "-" else f"{value} ± {error}"
 
 
-def told_angle(degrees: float, error: float | None) -> tuple[str, str]:
+def angle_and_error(degrees: float, error: float | None) -> tuple[str, str]:
     """An angle from 0 up to 360°, and half of its interval, no finer than 0.1°, rounded up."""
     coarse = error is not None and error >= 10.0
     decimals = 0 if coarse else FINEST_ANGLE

@@ -43,7 +43,7 @@ def summary(result: Any, rig: Rig | None = None) -> str:
     if isinstance(result, Explanation):
         return explanation_text(result, rig)
     if isinstance(result, Story):
-        return comparison_text(result, None if rig is None else rig.convention)
+        return comparison_text(result, None if rig is None else rig.put_right(result.mistake).convention)
     if isinstance(result, Measurement):
         return measurement_line(result)
     return "\n\n".join(
@@ -60,7 +60,7 @@ def write_report(
     records: Records | None = None,
 ) -> Path:
     """Write the HTML report of a comparison or of an explanation."""
-    convention = Convention() if rig is None else rig.convention
+    convention = Convention() if rig is None else rig.put_right(result.mistake).convention
     recorded = recorded_pictures(rig, records) if rig is not None and records is not None else []
     if isinstance(result, Story):
         first = pictures.first_pictures(result)

@@ -93,7 +93,7 @@ def sizes(fitted: Fit, effects: tuple[str, ...], convention: Convention | None =
             else:
                 value = _pair(first, second, fitted, convention)
             labels = tuple(part.entry.label for part in parts)
-            found.append(Size(effect, what, value, labels, _prior(first, fitted), _remark(parts)))
+            found.append(Size(effect, what, value, labels, _prior(first), _remark(parts)))
     return found
 
 
@@ -206,7 +206,7 @@ def _times(log_ratio: float, error: float) -> str:
     return f"{number(middle)} times ({number(low, 2)} to {number(high, 2)})"
 
 
-def _prior(estimate: Estimate, fitted: Fit) -> str:
+def _prior(estimate: Estimate) -> str:
     """Half the 95 % interval before the data."""
     entry, unit, half = estimate.entry, estimate.entry.unit, NORMAL_QUANTILE * estimate.entry.scale
     if entry.parameter.startswith("log_"):

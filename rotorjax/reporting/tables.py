@@ -20,7 +20,6 @@ PADDING = 2
 """Columns that a head has beside it."""
 LEFT_OUT = "Left out to fit the terminal:"
 """How the line below a table begins that names the columns left out."""
-A_FILE = "the output sent to a file"
 
 
 class Table(NamedTuple):

@@ -83,7 +83,7 @@ class _Site:
     async def job(self, request: Request) -> Response:
         """How far the explanation is, or what came of it."""
         job = self.jobs.job
-        return JSONResponse({"state": "none"} if job is None else job.told())
+        return JSONResponse({"state": "none"} if job is None else job.as_dict())
 
     async def result(self, request: Request) -> Response:
         name = request.path_params["name"]
@@ -95,7 +95,7 @@ class _Site:
 
     def _begun(self, uploads: Sequence[Upload], folder: Path) -> Response:
         job = self.jobs.begin(sorted_out(uploads, self.limits), folder)
-        return JSONResponse(job.told(), status_code=ACCEPTED)
+        return JSONResponse(job.as_dict(), status_code=ACCEPTED)
 
     def _counted(self, receive: Receive) -> Receive:
         """What comes, as long as it is not too much."""

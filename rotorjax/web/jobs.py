@@ -80,7 +80,7 @@ class Job:
             self.stages.append((time.monotonic() - self.began, stage))
         self.line = line
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """What the page shows of it."""
         return {
             "id": self.id,

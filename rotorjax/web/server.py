@@ -20,18 +20,18 @@ GRACE_S = 1
 """That answers under way have when the server ends."""
 
 
-def serve(port: int, limits: Limits, *, told: Callable[[str], None], open_browser: bool) -> None:
+def serve(port: int, limits: Limits, *, on_start: Callable[[str], None], open_browser: bool) -> None:
     """Serve until Ctrl-C.
 
-    **Arguments:** ``port``: 0 for any that is free; ``told``: called with the address once it answers; ``open_browser``
-    there. **Errors.** `InputError` where the port cannot be had; ``KeyboardInterrupt``.
+    **Arguments:** ``port``: 0 for any that is free; ``on_start``: called with the address once it answers;
+    ``open_browser`` there. **Errors.** `InputError` where the port cannot be had; ``KeyboardInterrupt``.
     """
     listening = listen(port)
     with contextlib.closing(listening):
         port = listening.getsockname()[1]
         server = uvicorn.Server(configuration(port, limits))
         address = f"http://{HOST}:{port}/"
-        told(address)
+        on_start(address)
         if open_browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:

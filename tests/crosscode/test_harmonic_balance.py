@@ -89,7 +89,7 @@ def balanced(
     conditions = Conditions.at(speeds, unbalance=pair(UNBALANCE), bow=pair(BOW))
     # All other forces beside them, at their null: one program for all.
     return np.asarray(
-        response(Model(rotor, layout=Layout(orders=orders)).plus(added).in_company(FORCES.values()), conditions)
+        response(Model(rotor, layout=Layout(orders=orders)).plus(added).with_null_effects(FORCES.values()), conditions)
     )
 
 

@@ -26,7 +26,7 @@ from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement
 from rotorjax.discovery.race import contender_of
-from rotorjax.discovery.search import SHOWS
+from rotorjax.discovery.ranking import SHOWS
 from rotorjax.effects import CATALOG
 from rotorjax.inference import force_kernels, linear_kernels
 from rotorjax.model.contract import RestoringEffect, WaveformEffect
@@ -193,7 +193,7 @@ def test_verdict_and_table_are_of_one_fit(monkeypatch):
         seen.update({end.point.tobytes(): end for contender in known.values() for end in contender.ends})
         return {effects: contender_of(contest, effects, [known[frozenset()].best], noise) for effects in hypotheses}
 
-    def staying(space, data, starts, *others, **manner):
+    def staying(space, data, starts, *others, **settings):
         return [seen[start.point.tobytes()] for start in starts]
 
     monkeypatch.setattr(module, "race", losing)

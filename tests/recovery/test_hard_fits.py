@@ -17,7 +17,7 @@ from rotorjax.effects.terms import TERMS
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import best_of, descend, starts_at
-from rotorjax.inference.manner import QUICK
+from rotorjax.inference.descent_settings import QUICK
 from rotorjax.inference.noise import NO_NOISE, Noise
 
 import drawn_effects
@@ -45,7 +45,7 @@ def reached(model: Model, measurement: Measurement, hypothesis: tuple[str, ...],
     starts = starts_at(declared_starts(contest.space, free, measurement))
     training = np.tile(contest.training, (len(starts), 1))
     data = contest.data(noise, contest.space.given_unknowns())
-    best = best_of(descend(contest.space, data, starts, free, training, budget=Budget(), manner=QUICK))
+    best = best_of(descend(contest.space, data, starts, free, training, budget=Budget(), settings=QUICK))
     assert best.exact
     return best.cost
 
@@ -78,7 +78,7 @@ def test_friction_whose_cost_rises_before_it_falls_is_not_ended_by_its_limit():
                 point[entry.unknown] = force / entry.scale
         (end,) = descend(
             right.space, right.data(NO_NOISE, point), starts_at(point[None]), right.free(friction),
-            right.training[None], budget=Budget(), manner=QUICK, hopeless=right.far_off,
+            right.training[None], budget=Budget(), settings=QUICK, hopeless=right.far_off,
         )  # fmt: skip
         assert end.exact
         assert end.cost == pytest.approx(123.18, abs=0.1)

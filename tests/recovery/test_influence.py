@@ -10,13 +10,13 @@ from rotorjax import effects
 from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import held_out
 from rotorjax.discovery.race import foreseen, race
-from rotorjax.discovery.search import begin, retold, select
+from rotorjax.discovery.search import begin, select, with_answer
 from rotorjax.discovery.ties import find_ties, swap_each
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import make_folds
 from rotorjax.inference.descent import Start, descend
+from rotorjax.inference.descent_settings import THOROUGH
 from rotorjax.inference.influence import influenced
-from rotorjax.inference.manner import THOROUGH
 from rotorjax.inference.noise import Noise
 
 import hidden
@@ -49,7 +49,7 @@ def test_a_fit_without_part_of_the_data_is_foreseen(selection):
     )
     assert not reason
     starts, free = [Start.at(own.best)] * len(folds), contest.free(own.effects)
-    fitted = descend(contest.space, data, starts, free, ~folds, budget=contest.budget, manner=THOROUGH)
+    fitted = descend(contest.space, data, starts, free, ~folds, budget=contest.budget, settings=THOROUGH)
     for fold, end in zip(folds, fitted, strict=True):
         foreseen = influenced(data, own.best, ~fold)
         assert foreseen.cost == pytest.approx(end.cost, abs=0.05)
@@ -82,7 +82,7 @@ def test_what_was_small_and_matters_in_the_end_is_a_step_of_its_own(selection, m
     """Beside fewer effects it may have been too small; where no more are to be added it is at least
     not called small.
     """
-    again = retold(selection._replace(effects=(), small=("cross_coupling",), most=most), selection.present, {})
+    again = with_answer(selection._replace(effects=(), small=("cross_coupling",), most=most), selection.present, {})
     assert (again.effects, again.small) == (effects, small)
 
 

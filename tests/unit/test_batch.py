@@ -394,7 +394,7 @@ def test_two_machines_and_a_bad_file(tmp_path: Path, capsys):
     (fleet / "bad.csv").write_text("run,speed_rpm,probe,order,amplitude_um,phase_deg\nbaseline,-5,X,1,2.0,30\n")
     capsys.readouterr()
     options = ["--output", output, "--workers", 2, "--only", "residual_unbalance,cross_coupling,residual_bow"]
-    assert many(fleet, *options, "--html", page, "--reports", tmp_path / "reports") == 0
+    assert many(fleet, *options, "--report", page, "--reports", tmp_path / "reports") == 0
     told = capsys.readouterr().out
     assert "3 cases" in told
     assert "1 failed, 2 explained" in told
@@ -426,7 +426,7 @@ def test_odd_files_are_rows(tmp_path: Path, capsys):
     fleet, output = tmp_path / "fleet", tmp_path / "r.csv"
     touch(fleet, "rig.toml", "esc\x1b[2J.csv", "folder.csv/deep.csv")
     Path(os.fsdecode(bytes(fleet) + b"/\xff.csv")).write_bytes(b"\0\1\2")
-    assert many(fleet, "--output", output, "--html", tmp_path / "r.html", "--workers", 1) == 0
+    assert many(fleet, "--output", output, "--report", tmp_path / "r.html", "--workers", 1) == 0
     assert "3 failed" in capsys.readouterr().out
     with output.open(newline="", encoding="utf-8") as file:
         failures = {row["name"]: row["failure"] for row in csv.DictReader(file)}
@@ -445,8 +445,8 @@ def test_odd_files_are_rows(tmp_path: Path, capsys):
         (["--output", "{0}/r.txt"], "ends in .parquet, .sqlite or .csv"),
         (["--output", "{0}/a.csv"], "exists already"),
         (["--output", "{0}/none/r.csv"], "does not exist"),
-        (["--output", "{0}/r.csv", "--html", "{0}/r.csv"], "is written by the same command"),
-        (["--output", "{0}/r.csv", "--html", "{0}/b.csv"], "ends in .html"),
+        (["--output", "{0}/r.csv", "--report", "{0}/r.csv"], "is written by the same command"),
+        (["--output", "{0}/r.csv", "--report", "{0}/b.csv"], "ends in .html"),
         (["--output", "{0}/r.csv", "--reports", "{0}/a.csv"], "name a folder"),
         (["--output", "{0}/r.csv", "--workers", "0"], "one or more"),
         (["--output", "{0}/r.csv", "--workers", "2", "--cluster", "tcp://x:1"], "the cluster's workers"),

@@ -13,17 +13,18 @@ from rotorjax import Conditions, Jeffcott, Model, effects, response
 from rotorjax.arrays import real_pair
 from rotorjax.data.measurement import Knowledge
 from rotorjax.discovery import bootstrap
+from rotorjax.discovery.common_noise import settle
 from rotorjax.discovery.contest import make_contest
-from rotorjax.discovery.race import _starts, race, settle
+from rotorjax.discovery.race import _starts, race
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference import descent, linearised
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.data import declared_starts, make_data
 from rotorjax.inference.descent import HOPELESS, Start, best_of, descend, starts_at
+from rotorjax.inference.descent_settings import LEFT_BEHIND, NOT_FINITE, QUICK, THOROUGH
 from rotorjax.inference.kernels import COLUMNS, Kernels, Rows
 from rotorjax.inference.linearised import Linearisation, Point
-from rotorjax.inference.manner import LEFT_BEHIND, NOT_FINITE, QUICK, THOROUGH
 from rotorjax.inference.motions import BALANCED
 from rotorjax.inference.noise import NO_NOISE, Noise
 from rotorjax.inference.prediction import predict
@@ -39,7 +40,7 @@ ORDERS = (1.0, 2.0)
 
 
 def space_of(model: Model, measurement) -> Space:
-    return make_space(model.with_orders(measurement.orders).in_company(CATALOG.values()), measurement.knowledge)
+    return make_space(model.with_orders(measurement.orders).with_null_effects(CATALOG.values()), measurement.knowledge)
 
 
 def unknowns_at(space: Space, **values: float) -> np.ndarray:
@@ -72,8 +73,8 @@ def test_without_forces_on_the_motion_one_step_is_exact(spring):
         free = np.flatnonzero(space.free(["residual_unbalance", "cross_coupling", "probe_gain"]))
         anywhere = 1e-5 * np.random.default_rng(0).standard_normal(lin.at_rest.shape)
         (off,) = lin.at([Point(point, anywhere)], [free])
-        assert off.freedom is not None
-        plain, balanced = lin.at([Point(point, None), Point(point, lin.moved(off, -off.freedom.newton))], [free, free])
+        assert off.response is not None
+        plain, balanced = lin.at([Point(point, None), Point(point, lin.moved(off, -off.response.newton))], [free, free])
         np.testing.assert_allclose(off.shown, plain.shown, rtol=1e-9, atol=1e-16)
         np.testing.assert_allclose(balanced.shown, plain.shown, rtol=1e-9, atol=1e-16)
         np.testing.assert_allclose(balanced.slopes, plain.slopes, rtol=1e-7, atol=1e-7 * np.abs(plain.slopes).max())
@@ -184,9 +185,9 @@ def test_declared_starts_reach_the_optimum_at_the_truth(name, seed):
     at_truth = np.zeros(len(space.entries))
     at_truth[[e.unknown for e in entries]] = [value / e.scale for e, value in zip(entries, true, strict=True)]
     every = np.ones((8, len(measurement.run)), bool)
-    known = best_of(descend(space, data, [Start(at_truth)], free, every, budget=Budget(), manner=THOROUGH))
+    known = best_of(descend(space, data, [Start(at_truth)], free, every, budget=Budget(), settings=THOROUGH))
     budget, starts = Budget(), starts_at(declared_starts(space, free, measurement))
-    found = best_of(descend(space, data, starts, free, every, budget=budget, manner=QUICK))
+    found = best_of(descend(space, data, starts, free, every, budget=budget, settings=QUICK))
     assert found.exact
     assert found.cost - known.cost < 0.1
     assert budget.spent <= 40 * len(starts) * len(measurement.run)
@@ -261,7 +262,7 @@ def test_heavier_rotor_is_still_one_rotor():
 
 
 def test_of_the_usual_orders_any_may_be_measured_with_one_program():
-    model, knowledge = Model(Jeffcott(1.0, 5e4, 0.02)).in_company(CATALOG.values()), Knowledge()
+    model, knowledge = Model(Jeffcott(1.0, 5e4, 0.02)).with_null_effects(CATALOG.values()), Knowledge()
     spaces = [make_space(model.with_orders(orders), knowledge) for orders in ((1.0,), (0.0, 2.0), (0.0, 1.0, 2.0, 3.0))]
     assert len({id(Kernels(space)._along.program) for space in spaces}) == 1
     assert len({id(Kernels(space)._forces[0].slopes.program) for space in spaces}) == 1
@@ -276,7 +277,8 @@ def test_more_forces_take_programs_of_their_own_only(more):
     """What the catalogue needs is the same with them."""
     model, knowledge = Model(Jeffcott(1.0, 5e4, 0.02)), Knowledge()
     alone, beside = (
-        Kernels(make_space(model.in_company(classes.values()), knowledge)) for classes in (CATALOG, CATALOG | more)
+        Kernels(make_space(model.with_null_effects(classes.values()), knowledge))
+        for classes in (CATALOG, CATALOG | more)
     )
     assert beside._linear.program is alone._linear.program
     assert beside._along.program is alone._along.program
@@ -289,7 +291,7 @@ def test_more_forces_take_programs_of_their_own_only(more):
 @pytest.mark.parametrize("orders", [(0.0, 1.0, 2.0), (0.5, 1.0)], ids=["0X to 2X", "half an order"])
 def test_equations_of_the_kernel_are_those_of_the_response(orders):
     """Put together from parts and sped up by hand; differentiated as a whole they are the same, whatever is free."""
-    whole = Model(Jeffcott(1.0, [5.6e4, 5.1e4], 0.02)).with_orders(orders).in_company(CATALOG.values())
+    whole = Model(Jeffcott(1.0, [5.6e4, 5.1e4], 0.02)).with_orders(orders).with_null_effects(CATALOG.values())
     space = make_space(whole, Knowledge())
     kernels, rng, count = Kernels(space), np.random.default_rng(4), len(space.entries)
     unknowns, motion = 0.3 * rng.normal(size=(3, count)), 1e-4 * rng.normal(size=(3, 2, kernels.coefficients))
@@ -335,7 +337,7 @@ def test_motions_of_a_table_with_slow_roll_are_not_begun_with_where_there_is_non
     at_rest = Linearisation(space, data, Budget()).at_rest
     start = Start(unknowns_at(space, duffing__cubic_n_per_m3=true), np.concatenate([at_rest, at_rest[:1]]))
     found, afresh = (
-        descend(space, data, [one], free, every, budget=Budget(), manner=QUICK)[0]
+        descend(space, data, [one], free, every, budget=Budget(), settings=QUICK)[0]
         for one in (start, Start(start.point))
     )
     assert found.exact
@@ -353,7 +355,7 @@ def test_a_scan_follows_the_motion_to_the_strength_that_is_there(spring):
     point, motions = scan(lin, nothing, one, every)
     assert 2.0 / 1.5 < point[unknown] < 2.0 * 1.5
     (there,) = lin.at([Point(point, motions, refined=True)], [one])
-    assert np.all(there.freedom.off <= BALANCED)
+    assert np.all(there.response.off <= BALANCED)
     assert scan(lin, nothing, two, every) is None
 
 
@@ -365,8 +367,8 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
     def unbounded(self, points, free):
         return [
             one
-            if one.freedom is None or (own := one.freedom.own) is None
-            else one._replace(freedom=one.freedom._replace(own=own._replace(reach=np.full_like(own.reach, 1e20))))
+            if one.response is None or (own := one.response.own) is None
+            else one._replace(response=one.response._replace(own=own._replace(reach=np.full_like(own.reach, 1e20))))
             for one in whole(self, points, free)
         ]
 
@@ -380,7 +382,7 @@ def test_a_trial_whose_motions_answer_a_force_without_bound_is_not_taken(spring,
         free,
         every,
         budget=Budget(),
-        manner=QUICK,
+        settings=QUICK,
     )
     assert end.result == NOT_FINITE
     assert not end.exact

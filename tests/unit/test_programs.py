@@ -49,9 +49,8 @@ def test_fits_of_terms_need_no_programs_but_those_made_ahead(monkeypatch):
     monkeypatch.setattr(Kernels, "warm", False)
     monkeypatch.setattr(Compiled, "make", lambda self, *rows: made.add(self.program))
     monkeypatch.setattr(ahead, "in_background", lambda job: job())
-    space = make_space(model.with_orders(measurement.orders).in_company(CATALOG.values()), measurement.knowledge)
+    space = make_space(model.with_orders(measurement.orders).with_null_effects(CATALOG.values()), measurement.knowledge)
     ahead.make_programs_ahead(space, measurement)
-    ahead.make_programs_of_a_missing_force_ahead(space.model, measurement)
     whole = Compiled.chunk
     monkeypatch.setattr(Compiled, "chunk", lambda self, *rows: needed.add(self.program) or whole(self, *rows))
     cubic = model.plus([TERMS["term_cubic_x"]()])

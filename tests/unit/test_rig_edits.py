@@ -122,3 +122,18 @@ def test_two_of_three_probes_are_exchanged_by_name(tmp_path):
     subtracted, _ = every["slow_roll_subtracted"].put_right(rig.model, _measured(rig))
     rig.write(tmp_path / "right.toml", rig.model, every["slow_roll_subtracted"])
     assert read_rig(tmp_path / "right.toml").model.slow_roll == subtracted.slow_roll
+
+
+def test_what_is_said_beside_a_mistake_counts_as_the_rig_file_should_state(tmp_path):
+    """Angles of weights and phases beside a mistake, as in the file that is written with it put right: the same
+    correction."""
+    write_example(tmp_path)
+    rig = read_rig(tmp_path / "rig.toml")
+    assert rig.put_right(None) is rig
+    changed = set()
+    for mistake in mistakes(rig.model, read_measurement(tmp_path / "measurement.csv", rig)):
+        rig.write(tmp_path / "right.toml", rig.model, mistake)
+        counted = rig.put_right(mistake).convention
+        assert counted == read_rig(tmp_path / "right.toml").convention
+        changed |= {mistake.kind} if counted != rig.convention else set()
+    assert changed >= {"weight_angles_reversed", "phase_sign_reversed"}

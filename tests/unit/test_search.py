@@ -32,7 +32,8 @@ from rotorjax.discovery.contest import make_contest
 from rotorjax.discovery.held_out import _pruned
 from rotorjax.discovery.own_effects import check_catalog, check_effect
 from rotorjax.discovery.race import Scored, race
-from rotorjax.discovery.search import PRICE, begin, neighbours, ranking, retold, select
+from rotorjax.discovery.ranking import PRICE, ranking
+from rotorjax.discovery.search import begin, neighbours, select, with_answer
 from rotorjax.effects.terms import TERMS
 from rotorjax.model.parameters import Parameter
 
@@ -79,7 +80,7 @@ def test_another_answer_that_begins_with_the_same_effect_has_steps_of_its_own():
     sets = [frozenset({first, second}) for second in further]
     found = race(contest, answer.races[-1].noise, sets, answer.known)
     for effects_there in sets:
-        answer = retold(answer, effects_there, found)
+        answer = with_answer(answer, effects_there, found)
         assert answer.present == effects_there
         for count, (step, name) in enumerate(zip(answer.races[:-1], answer.effects, strict=True)):
             assert frozenset({*answer.effects[:count], name}) in step.contenders

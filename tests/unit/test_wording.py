@@ -10,7 +10,7 @@ from rotorjax.data.declarations import amplitude_changes
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.force_shapes import Reach
 from rotorjax.discovery.named_force import reached
-from rotorjax.discovery.progress import RETOLD, Telling
+from rotorjax.discovery.progress import REPEATED, ProgressReporter
 from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
@@ -200,9 +200,9 @@ def test_a_gap_that_was_never_reached_is_not_named(term, inverse_gap, believed):
 
 def test_a_long_stage_is_told_while_it_goes_on():
     lines: list[str] = []
-    telling = Telling(lines.append, 100_000)
-    telling.stage("looking")
-    with telling.budget.share(50_000):
+    reporter = ProgressReporter(lines.append, 100_000)
+    reporter.stage("looking")
+    with reporter.budget.share(50_000):
         for _ in range(3):
-            telling.budget.spend(RETOLD // 2)
-    assert lines == [f"looking ({spent:,} of 100,000 linearisations)" for spent in (0, RETOLD)]
+            reporter.budget.spend(REPEATED // 2)
+    assert lines == [f"looking ({spent:,} of 100,000 linearisations)" for spent in (0, REPEATED)]

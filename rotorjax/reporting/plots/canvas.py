@@ -40,7 +40,7 @@ def figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tupl
     return drawn, list(drawn.subplots(rows, columns, squeeze=False).ravel())
 
 
-def told_apart() -> Iterator[tuple[str, str]]:
+def distinct_styles() -> Iterator[tuple[str, str]]:
     """Colour and marker of one series after another, without end."""
     return ((colour, marker) for marker in cycle(MARKERS) for colour in COLOURS)
 

@@ -9,7 +9,7 @@ from matplotlib.colors import LogNorm
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.missing_force import MissingForce
-from rotorjax.reporting.plots.canvas import COLOURS, MARKERS, logarithmic, plain, told_apart, with_room
+from rotorjax.reporting.plots.canvas import COLOURS, MARKERS, distinct_styles, logarithmic, plain, with_room
 from rotorjax.reporting.wording import percent
 from rotorjax.units import MICROMETRE
 
@@ -166,7 +166,9 @@ def missing_force(
         ),
     }[over]
     largest = [int(case) for case in np.argsort(-found.rms, kind="stable")[:most] if found.usable[case]]
-    for (colour, marker), case in zip(told_apart(), sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False):
+    for (colour, marker), case in zip(
+        distinct_styles(), sorted(largest, key=lambda case: m.speed_rpm[case]), strict=False
+    ):
         at, force, error = (np.append(w[case, dof], w[case, dof, 0]) for w in (waves, found.force, found.force_error))
         if over == "angle":
             at[-1] = at[-2] + at[1] - at[0]

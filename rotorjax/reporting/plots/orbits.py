@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from rotorjax.data.spectra import FullSpectrum
 from rotorjax.diagnosis.orbits import Centreline, Orbit, RecordedOrbit
-from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, legend_above, plain, told_apart
+from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, distinct_styles, label_speeds, legend_above, plain
 from rotorjax.units import MICROMETRE
 
 MEASURED, MODEL = COLOURS[0], COLOURS[1]
@@ -173,7 +173,7 @@ def centreline(
     rim = [] if clearance_um is None else [np.add.outer([-clearance_um, clearance_um], centre_um)]
     every = np.concatenate([*shown, *rim])
     extent, middle = float(np.ptp(every, axis=0).max()) or 1.0, 0.5 * (every.min(axis=0) + every.max(axis=0))
-    for (colour, marker), (run, line) in zip(told_apart(), lines.items(), strict=False):
+    for (colour, marker), (run, line) in zip(distinct_styles(), lines.items(), strict=False):
         order = np.argsort(line.speed_rpm, kind="stable")
         place = line.measured[order] / MICROMETRE
         joined = {"color": colour, "markersize": 4, "linewidth": 0.9, "zorder": 3}

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from rotorjax.reporting.plots.canvas import COLOURS, told_apart
+from rotorjax.reporting.plots.canvas import COLOURS, distinct_styles
 
 _SERIES = ("#9aa5b1", "#8fb8de", "#1b5e9c", "#f0a868", "#c8500a", "#2e7d4f")
 """Fills for bars: grey for nothing done, then pairs of light and dark."""
@@ -22,7 +22,7 @@ def error_cloud(axes: Axes, errors: Float[np.ndarray, "sample"], *, label: str, 
 
 def convergence(axes: Axes, histories: dict[str, Float[np.ndarray, "step"]], *, tolerance: float) -> Axes:
     """Largest relative error after every step, one line per method, on a logarithmic scale."""
-    for (colour, marker), (name, errors) in zip(told_apart(), histories.items(), strict=False):
+    for (colour, marker), (name, errors) in zip(distinct_styles(), histories.items(), strict=False):
         axes.semilogy(
             np.arange(len(errors)),
             np.maximum(errors, 1e-16),

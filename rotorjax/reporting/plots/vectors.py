@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from rotorjax.discovery.compare import Comparison
 from rotorjax.reporting.curves import Curve
-from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, label_speeds, logarithmic, plain, told_apart
+from rotorjax.reporting.plots.canvas import COLOURS, arc_of_rotation, distinct_styles, label_speeds, logarithmic, plain
 from rotorjax.units import MICROMETRE
 
 CIRCLES, LABELLED = 4, np.radians(15.0)
@@ -41,7 +41,7 @@ def bode(
     m, lag = view.measurement, any(curve.lag for curve in after.values())
     sign = -1.0 if lag else 1.0
     k, n = m.probes.index(probe), m.orders.index(order)
-    for (colour, marker), (run, curve) in zip(told_apart(), after.items(), strict=False):
+    for (colour, marker), (run, curve) in zip(distinct_styles(), after.items(), strict=False):
         cases = (m.run == m.runs.index(run)) & m.present[:, k, n]
         speed, z = m.speed_rpm[cases], view.measured[cases, k, n] / MICROMETRE
         dots = {"color": colour, "markersize": 4.5, "zorder": 3}
@@ -133,7 +133,7 @@ def polar(
     if rest.any():
         label = "other runs, measured" if runs else "measured"
         axes.plot(z.real[rest], z.imag[rest], "o", color="0.6" if runs else COLOURS[0], markersize=4, label=label)
-    for (colour, marker), run in zip(told_apart(), runs, strict=False):
+    for (colour, marker), run in zip(distinct_styles(), runs, strict=False):
         own = np.flatnonzero(m.run[cases] == m.runs.index(run))
         own = own[np.argsort(m.speed_rpm[cases][own], kind="stable")]
         joined = {"color": colour, "markersize": 4, "linewidth": 0.9, "zorder": 3}

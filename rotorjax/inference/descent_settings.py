@@ -24,20 +24,20 @@ COARSE = 1e-4
 """The same for ranking, where a hundredth of a log unit decides nothing."""
 
 
-class Manner(NamedTuple):
+class DescentSettings(NamedTuple):
     """How exactly a descent ends, and how it goes there."""
 
     tolerance: float
     most_steps: int = 60
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
-    firmer: float = 0.5
+    freedom_decay: float = 0.5
     """What is left of that freedom after every step that lowers the cost."""
-    lenient: float = 0.02
+    cost_slack: float = 0.02
     """Relative rise of the cost that does not count while motions do not balance: theirs may be too low."""
-    again: bool = True
+    rescan: bool = True
     """Whether a fit begins again where none of its descents came to motions that balance."""
 
 
-THOROUGH, QUICK = Manner(FINE), Manner(COARSE)
+THOROUGH, QUICK = DescentSettings(FINE), DescentSettings(COARSE)
 """For estimates; and for ranking many hypotheses."""
