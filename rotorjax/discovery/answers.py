@@ -298,6 +298,8 @@ def searched(one: Screened, most: int, progress: Progress, *, holds: bool = Fals
         begun = with_set(begun, most, {one.beside: one.end})
         if holds and one.beside and begun.contest.tries_table_noise and not begun.holds:
             return None
+    elif change.of_weight:
+        begun = with_set(begun, min(most, 2))
     selection = select(begun, most)
     return Answer.of(change.mistake, selection, change.log_odds, cut_off=change.contest.budget.exhausted)
 

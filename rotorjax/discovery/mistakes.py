@@ -110,11 +110,14 @@ def _screened(
     begun = begin(dataclasses.replace(contest, linear_may_hold=stated.may_hold), progress=progress)
     if stated.holds or begun.holds:
         return begun, stated, [], []
-    if ahead := _ahead_with_a_force(begun, [Screened(one, stated.end) for one in changes if one.of_weight], progress):
+    weights = [Screened(one, stated.end) for one in changes if one.of_weight]
+    if ahead := _ahead_with_a_force(begun, weights, progress):
         return begun, stated, [], ahead
     begun = begun if stated.may_hold else with_set(begun, most)
     if begun.holds:
         return begun, stated, [], []
+    if ahead := _ahead_with_a_pair(weights, most):
+        return begun, stated, [], ahead
     if changes:
         progress("whether something was written down wrongly")
     better, screened, ahead = of_what_fails(stated, changes)
@@ -144,6 +147,20 @@ def _ahead_with_a_force(begun: SearchStart, weights: list[Screened], progress: P
         known = one.change._replace(known=quiet_race.contenders)
         ahead.append((best + one.change.log_odds, one._replace(change=known)))
     return [one for _, one in sorted(ahead, key=lambda scored: -scored[0])] if held else []
+
+
+def _ahead_with_a_pair(weights: list[Screened], most: int) -> list[Screened]:
+    """Changes of the rotor's weight beside which a nonlinear force and a linear effect hold within the noise of the
+    table, where no such set does beside what is stated; the most probable first.
+    """
+    ahead = list[tuple[float, Screened]]()
+    for one in weights:
+        quiet = dataclasses.replace(one.change.contest, linear_may_hold=False)
+        begun = with_set(begin(quiet, known=one.change.known), min(most, 2))
+        if begun.found:
+            best = begun.contest.log_posterior(begun.known[begun.found])
+            ahead.append((best + one.change.log_odds, one._replace(change=one.change._replace(known=begun.known))))
+    return [one for _, one in sorted(ahead, key=lambda scored: -scored[0])]
 
 
 def _search_as_stated(
