@@ -7,7 +7,7 @@ from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.data.names import harmless
 from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import Rig, read_measurement, read_rig
-from rotorjax.discovery.explain import explain
+from rotorjax.discovery.explain import LINEARISATIONS, explain
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.errors import InputError
 from rotorjax.reporting.explanation import readings_in_words
@@ -87,6 +87,8 @@ class Task(NamedTuple):
     exclude: tuple[str, ...] = ()
     mistakes: bool | None = None
     """Whether mistakes in rig file and table are raced: always, never, or where nothing else explains the data."""
+    limit: int | None = None
+    """Linearisations allowed; by default as many as `explain` allows."""
 
 
 def explain_case(task: Task) -> dict[str, Any]:
@@ -115,6 +117,7 @@ def _explained(task: Task) -> dict[str, Any]:
         rig.model,
         measurement,
         max_effects=task.max_effects,
+        limit=task.limit or LINEARISATIONS,
         only=task.only,
         exclude=task.exclude,
         mistakes=task.mistakes,

@@ -14,6 +14,14 @@ if TYPE_CHECKING:
     from rotorjax.model.model import Model
 
 
+def check_search(options: argparse.Namespace) -> None:
+    """`InputError` for a number of effects, or of linearisations, that no search can have."""
+    if options.max_effects < 0:
+        raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
+    if options.limit is not None and options.limit < 1:
+        raise InputError(f"--limit {options.limit}: must be one or more")
+
+
 def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], frozenset[str]]":
     """Effects from ``NAME:PARAMETER=VALUE,...`` as the command line gives them, and the keys of the values given."""
     from rotorjax.data.rig import effect_from_labels

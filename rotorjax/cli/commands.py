@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorjax.cli.arguments import check_outputs, effect_names, parse_effects, parse_mistake
+from rotorjax.cli.arguments import check_outputs, check_search, effect_names, parse_effects, parse_mistake
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.recordings import read_recorded, table_or_recordings
 from rotorjax.cli.terminal import aside, note, say, terminal_width
@@ -72,7 +72,7 @@ def _hand_over(
         if not rig.write(options.write_rig, model, result.mistake):
             assert result.mistake is not None
             cure = f"change by hand: {result.mistake.cure}"
-            say(f"\n{options.write_rig} still goes with what was written down wrongly; {cure}.")
+            say(f"\n{options.write_rig} still has the wrong entry; {cure}.")
 
     def report() -> None:
         result.report(options.report, rig, title=title, records=records)
@@ -90,8 +90,7 @@ def explain(options: argparse.Namespace) -> None:
     """What is missing."""
     source = table_or_recordings(options)
     check_outputs(options)
-    if options.max_effects < 0:
-        raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
+    check_search(options)
     only, exclude = (
         effect_names(flag, text, with_mistakes=options.mistakes is not False)
         for flag, text in (("--only", options.only), ("--exclude", options.exclude))
@@ -99,7 +98,7 @@ def explain(options: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress(f"reading {source}")
         use_double_precision()
-        from rotorjax.discovery.explain import explain
+        from rotorjax.discovery.explain import LINEARISATIONS, explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
@@ -109,6 +108,7 @@ def explain(options: argparse.Namespace) -> None:
             rig.model,
             measurement,
             max_effects=options.max_effects,
+            limit=options.limit or LINEARISATIONS,
             only=only,
             exclude=exclude or (),
             mistakes=options.mistakes,

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from rotorjax.cli.arguments import check_outputs, effect_names
+from rotorjax.cli.arguments import check_outputs, check_search, effect_names
 from rotorjax.cli.progress import progress_line
 from rotorjax.cli.terminal import say, terminal_width
 from rotorjax.data.files import check_writable, refusals, write_whole
@@ -62,8 +62,7 @@ def explain_many(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    if options.max_effects < 0:
-        raise InputError(f"--max-effects {options.max_effects}: must be zero or more")
+    check_search(options)
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers {options.workers}: must be one or more")
     if options.workers is not None and options.cluster is not None:
@@ -91,6 +90,7 @@ def _configuration(options: argparse.Namespace) -> dict[str, Any]:
         "version": importlib.metadata.version("rotorjax"),
         "source": str(options.source.resolve()),
         "max_effects": options.max_effects,
+        "limit": options.limit,
         "only": options.only,
         "exclude": options.exclude,
         "mistakes": options.mistakes,
@@ -125,6 +125,7 @@ def _cases(options: argparse.Namespace, found: "list[Pair]") -> "list[Case]":
                 options.only,
                 options.exclude or (),
                 options.mistakes,
+                options.limit,
             ),
             pair.digest,
         )

@@ -71,6 +71,11 @@ class Mistake(NamedTuple):
         """As it stands beside effects: ``trial_weight_opposite.RUN``."""
         return ".".join((self.kind, *self.about))
 
+    @property
+    def of_amplitudes(self) -> bool:
+        """Whether all amplitudes are in another unit, or of another kind, than is stated."""
+        return self.kind in TRUE_AMPLITUDES or self.kind == "amplitude_unit"
+
     def put_right(self, model: Model, measurement: Measurement) -> Stated:
         """Model and measurement as they should have been stated."""
         return (reversed_rotation(model), measurement) if self.in_mirror else self.corrected(model, measurement)

@@ -191,7 +191,7 @@ class Doubts(NamedTuple):
         noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
         stated = self.stated or screen(Change(None, contest), noise)
         if not screened:
-            self.progress("whether something was written down wrongly")
+            self.progress("whether an entry of rig file or table is wrong")
             hopeless = _Reach.of(own, noise).hopeless
             answer = own.selection.known[own.selection.present]
             screened = [screen(one, noise, starts=one.near(answer), hopeless=hopeless) for one in doubted]

@@ -334,7 +334,7 @@ def _verdict(selection: Selection, ties: Ties, p: PValue | None, last: Fit, cont
         structure = _is_more_than_noise(last.misfit, contest) and (m.sigma is None or _nominal(last) <= UNEXPLAINED)
     if structure:
         return "unexplained"
-    if ties.tied or not story.confirmed or last.objections(selection.effects) or selection.more:
+    if ties.tied or not story.confirmed or last.objections(selection.effects, story.mistake) or selection.more:
         return "undecided"
     return "explained" if selection.effects else "nothing missing"
 

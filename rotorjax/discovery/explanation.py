@@ -110,7 +110,7 @@ class Explanation(Reported):
     @property
     def objections(self) -> tuple[str, ...]:
         """What speaks against the values of the effects found."""
-        return self.story.fits[-1].objections(self.effects)
+        return self.story.fits[-1].objections(self.effects, self.mistake)
 
     @property
     def more(self) -> tuple[Ranked, ...]:

@@ -11,11 +11,13 @@ from jaxtyping import Complex, Float
 from scipy.special import stdtrit
 
 from rotorjax.arrays import require_float64
+from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
+from rotorjax.effects.reading import ChainGain
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
@@ -44,6 +46,13 @@ from rotorjax.physics.stability import SELF_EXCITING
 from rotorjax.shown import Shown
 from rotorjax.units import MICROMETRE
 
+GAIN_OF_A_CHAIN = 0.1
+"""Largest error of a gain that scale factors may have beside another unit of amplitude."""
+NO_UNIT = (
+    "readings are off by a factor that is not that of a unit: installed weights that are off by it would do the same "
+    "(their mass for g mm?), and the correction with them"
+)
+"""What is said of a larger one."""
 NOT_STEADY = (
     "no steady motion was found with these values, so that the prediction is only to first order along the measured "
     "motion"
@@ -107,11 +116,13 @@ class Fit(Shown):
         by_key = {e.entry.key: e for e in self.estimates}
         return by_key[one_of(f"{effect}.{label}", by_key, "estimate")]
 
-    def objections(self, names: Iterable[str]) -> tuple[str, ...]:
-        """What speaks against the values of these effects, each by name."""
+    def objections(self, names: Iterable[str], mistake: Mistake | None = None) -> tuple[str, ...]:
+        """What speaks against the values of these effects, each by name. **Arguments:** ``mistake`` beside them."""
         own = [e for e in self.model.effects if e.name in set(names)]
         said = ((e.name, e.objection(self.model.rotor) or self._unstable(e.name)) for e in own)
         spoken = tuple(f"{name} {words}" for name, words in said if words is not None)
+        if mistake is not None and mistake.of_amplitudes and any(_is_far_from_one(e) for e in own):
+            spoken = (*spoken, NO_UNIT)
         return spoken if self.end.exact else (*spoken, NOT_STEADY)
 
     def _unstable(self, name: str) -> str | None:
@@ -120,6 +131,10 @@ class Fit(Shown):
         if name not in SELF_EXCITING or not (count := unstable_speeds(self.end, self.stage.space, speeds)):
             return None
         return f"makes the rotor unstable at {count} of the {len(speeds)} speeds at which a steady state was measured"
+
+
+def _is_far_from_one(effect: Effect) -> bool:
+    return isinstance(effect, ChainGain) and math.hypot(*map(float, effect.values())) > GAIN_OF_A_CHAIN
 
 
 def fit(

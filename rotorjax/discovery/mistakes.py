@@ -119,7 +119,7 @@ def _screened(
     if ahead := _ahead_with_a_pair(weights, most):
         return begun, stated, [], ahead
     if changes:
-        progress("whether something was written down wrongly")
+        progress("whether an entry of rig file or table is wrong")
     better, screened, ahead = of_what_fails(stated, changes)
     if better.may_hold and not stated.may_hold:
         known = {**begun.known, **begun.quiet_race.contenders}
@@ -137,7 +137,7 @@ def _ahead_with_a_force(begun: SearchStart, weights: list[Screened], progress: P
     forces = [frozenset({name}) for name in begun.contest.candidates if name in begun.contest.coupled]
     if not weights or not forces:
         return []
-    progress("whether the weight of the rotor was written down wrongly")
+    progress("whether the weight of the rotor is stated wrongly")
     ahead, held = list[tuple[float, Screened]](), False
     for one in weights:
         own = dataclasses.replace(one.change.contest, linear_may_hold=False)

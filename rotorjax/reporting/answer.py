@@ -72,7 +72,7 @@ def _with_open_sizes(found: Explanation) -> str:
 
 def _mistake(mistake: Mistake) -> str:
     """What was written down wrongly, and what to change."""
-    return f"Written down wrongly: {mistake.meaning} ({mistake.name}; {mistake.cure})."
+    return f"Wrong entry in rig file or table: {mistake.meaning} ({mistake.name}; {mistake.cure})."
 
 
 def _nothing(found: Explanation) -> str:
@@ -97,7 +97,7 @@ def _undecided(found: Explanation) -> str:
         others = ["a force outside the catalogue does as well"]
     within = ["more may be missing within the tolerance of the model's form"] if not all(g[0] for g in groups) else []
     fails = [] if found.confirmed else ["the error does not fall on readings left out of the fit"]
-    limit = ["the search limit was reached before all was tried"] if found.cost.exhausted else []
+    limit = ["the search limit was reached before all was tried (--limit raises it)"] if found.cost.exhausted else []
     likely = " or ".join(f"{plain_name(r.effect)} ({percent(r.probability, 0)})" for r in found.more[:SAID])
     beside = percent(1.0 - none_left(found.rankings[-1]), 0)
     more = [f"something more may be missing ({beside}), such as {likely}"] if found.more else []
@@ -120,7 +120,7 @@ def _unexplained_why(found: Explanation) -> str:
     if (ahead := would_be_next(found)) is not None:
         return f"no more than {found.max_effects} effects were to be added, and {plain_name(ahead)} would be next."
     those = "those allowed" if found.restricted else "the catalogue"
-    limit = "; the search limit was reached before all was tried" if found.cost.exhausted else ""
+    limit = "; the search limit was reached before all was tried (--limit raises it)" if found.cost.exhausted else ""
     if not found.named:
         tried = " that was tried" if limit else ""
         return f"no effect of {those}{tried} accounts for the difference between model and measurement{limit}."
@@ -149,7 +149,8 @@ def as_if_lines(found: Explanation) -> list[str]:
         changes = [one for one in changes if one.mean_factor == one.factor]
     if found.mistake is not None:
         return [
-            f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too."
+            f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too. Amplitudes here "
+            "are as the table states them."
             for change in changes
             if (change.kind, change.about) == (found.mistake.kind, found.mistake.about)
         ]

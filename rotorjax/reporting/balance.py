@@ -26,6 +26,10 @@ MOST_SPEEDS = 12
 """Speeds at which the vibration after the correction is predicted."""
 
 
+HARDLY_LESS = 0.95
+"""Share of the vibration from which on a correction by influence coefficients leaves as much as there was."""
+
+
 class Balance(NamedTuple):
     """What corrects an unbalance: one correction for each plane of the rig by itself."""
 
@@ -191,6 +195,10 @@ def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:
         return f"{without}no correction in plane {names[0]}, the unbalance is below {bound} g mm (95 %)."
     parts = [f"{_opposite(fault, rig)} in plane {name}" for name, fault in zip(names, found.unbalance, strict=True)]
     before, after = _rms_um(found)
+    if after > HARDLY_LESS * before:
+        return (
+            f"{without}no correction in {' and '.join(f'plane {name}' for name in names)} reduces the vibration at 1X."
+        )
     said = (
         f"{without}correction {' and '.join(parts)}. It leaves {number(after, 2)} of {number(before)} µm at 1X (0-pk, "
         "rms over probes and speeds). That minimises the reading: the response to a bow and runout are compensated too."

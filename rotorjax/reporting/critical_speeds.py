@@ -42,6 +42,8 @@ def _facts(one: CriticalSpeed, found: Lateral) -> list[str]:
     """Damping, and the distance from the speeds where it is outside, or where they are operating speeds."""
     known = found.damping_known(one)
     facts = [f"damping ratio {number(100.0 * one.damping_ratio)} %" if known else "damping ratio not determined"]
+    if known and one.damping_ratio < 0.0:
+        return ["it grows there: no critical speed to pass"]
     if known and one.amplification is not None:
         facts.append(f"amplification factor {number(one.amplification)}")
     margin, kind = found.margin(one), found.speeds.kind
@@ -116,6 +118,7 @@ def _row(one: CriticalSpeed, found: Lateral, probes: list[str]) -> list[str]:
     known = found.damping_known(one)
     operating = found.speeds.kind == "operating"
     needed = f" ({margin.needed_percent:.0f} %)" if known and operating else ""
+    apart = "inside" if margin.side == "inside" else f"{_apart(margin)}{needed}"
     sizes = one.amplitude_um or {}
     damping = [
         number(100.0 * one.damping_ratio),
@@ -128,7 +131,7 @@ def _row(one: CriticalSpeed, found: Lateral, probes: list[str]) -> list[str]:
         *(damping if known else ["not determined", "-", "-", ""]),
         whirl_in_words(one.direction_deg, one.axis_ratio),
         *(number(sizes.get(probe)) if known else "-" for probe in probes),
-        "inside" if margin.side == "inside" else f"{_apart(margin)}{needed}",
+        "grows" if known and one.damping_ratio < 0.0 else apart,
     ]
 
 

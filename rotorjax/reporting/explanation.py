@@ -1,8 +1,11 @@
 """What people read of an explanation: the verdict in a sentence, rankings, ties, the next measurement, JSON."""
 
+import numpy as np
+
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.explanation import Explanation
+from rotorjax.discovery.fit import NO_UNIT
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.probable import CREDIBLE, credible
 from rotorjax.discovery.ranking import DETECTED, Ranked
@@ -19,7 +22,7 @@ from rotorjax.reporting.answer import (
     verdict_sentence,
     would_be_next,
 )
-from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, predicted_table
+from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, held_unbalance, predicted_table
 from rotorjax.reporting.comparison import (
     CHI2,
     findings,
@@ -49,6 +52,10 @@ def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     """What would balance the rotor, where an unbalance was found."""
     open_names = {name for group in found.ties.groups() for names in group for name in names}
     doubt = ", if it is an unbalance indeed" if "residual_unbalance" in open_names else ""
+    if NO_UNIT in found.objections:
+        doubt = ", if the installed weights are as stated"
+    if found.verdict == "unexplained":
+        doubt = ", although what was found does not explain the data (`rotorjax diagnose` needs no rotor model)"
     return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
 
 
@@ -56,6 +63,8 @@ def balance_of(found: Explanation, rig: Rig | None) -> Balance:
     """What corrects the unbalance found, plane by plane; nothing without a rig."""
     if rig is None:
         return Balance()
+    if "residual_unbalance" not in found.named and np.any(held_unbalance(rig)):
+        return Balance(why_none="No correction: the rig file holds the unbalance already; see `rotorjax diagnose`.")
     return balance_of_fit(found.story.fits[-1], rig.put_right(found.mistake), found.story.measurement)
 
 
@@ -327,7 +336,8 @@ def explanation_page(
     told_above, drawn = next_lines(found), Picture.every(pictures)
     rest = [line for line in notes(found) if line not in told_above]
     speeds = story.measurement.speed_cluster()[1]
-    tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]
+    if found.verdict != "unexplained":
+        tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]
     return Page(
         title, top, measurement_line(story.measurement), rest, tables, drawn, where, cost_line(found), convention.phase
     )

@@ -88,7 +88,7 @@ def _explained(
     folder, notes = Path(job["folder"]), list(measurement.notes)
     if not rig.write(folder / RIG, found.model, found.mistake):
         cure = "" if found.mistake is None else f"; change by hand: {found.mistake.cure}"
-        notes.append(f"the saved rig file still goes with what was written down wrongly{cure}")
+        notes.append(f"the saved rig file still has the wrong entry{cure}")
     told = explanation_json(found, rig)
     write_whole(folder / RESULT, json.dumps(told, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
     found.report(folder / REPORT, rig, title=job["title"])

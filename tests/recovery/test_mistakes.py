@@ -251,6 +251,15 @@ def test_a_spring_beside_an_unknown_unbalance_is_found_under_the_noise_of_the_ta
     assert found.noise == NO_NOISE
 
 
+def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring_and_an_unbalance():
+    """Neither the spring nor the unbalance holds by itself, whatever weight is stated."""
+    model, measurement = _beside_an_unknown_unbalance(2e11)
+    heavy = dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, gravity=as_array([0.0, -9.81])))
+    only = ("duffing", "residual_unbalance", "foundation", "chain_gain", "weight_absent", "weight_direction")
+    found = explain(heavy, measurement, only=only, thorough=False, limit=100_000)
+    assert (found.verdict, set(found.named)) == ("explained", {"weight_absent", "duffing", "residual_unbalance"})
+
+
 def test_three_effects_are_read_from_one_fit_of_all_linear_ones():
     """A probe that shows 6 % too much beside both, the spring strong: no two effects hold. What two leave of it differs
     from run to run, and passed for scatter between runs.

@@ -226,6 +226,17 @@ def test_one_simple_term_in_the_place_of_several_effects():
     assert [t.term for t in found.named_force.terms] == [term]
 
 
+def test_a_simple_term_beside_an_effect_in_the_place_of_more_effects():
+    """Beside an unbalance a force of constant direction takes three effects of the catalogue: they are not the answer
+    for sure.
+    """
+    force, term, _ = HIDDEN["constant direction along x, once per turn"]
+    found = explain(MODEL, measure(force, left_out=LEFT_OUT), mistakes=False)
+    assert found.verdict in ("undecided", "unexplained")
+    assert {t.term for t in found.named_force.terms} == {term, "residual_unbalance"}
+    assert found.named_force.enough
+
+
 @pytest.mark.parametrize(
     ("force", "effect", "term", "power", "words"),
     [

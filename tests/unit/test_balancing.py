@@ -8,7 +8,7 @@ from rotorjax.data.rig_sections import Convention, Plane
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.reporting.balance import Balance, balance_json, balance_line, balance_lines, grade_speed
-from rotorjax.reporting.intervals import told, told_angle
+from rotorjax.reporting.intervals import angle_and_error, value_and_error
 
 from helpers import RIG, write
 
@@ -130,13 +130,13 @@ def test_regions_cover(rng):
     ],
 )
 def test_values_have_the_figures_that_their_error_bears(value, error, expected):
-    assert told(value, error) == expected
-    assert told(value * 1e-6, None if error is None else error * 1e-6, 1e-6) == expected
+    assert value_and_error(value, error) == expected
+    assert value_and_error(value * 1e-6, None if error is None else error * 1e-6, 1e-6) == expected
 
 
 def test_angles_are_told_to_a_tenth_of_a_degree_at_best():
-    assert told_angle(-0.02, 0.003) == ("0.0", "0.1")
-    assert told_angle(-159.7, 17.2) == ("200", "18")
+    assert angle_and_error(-0.02, 0.003) == ("0.0", "0.1")
+    assert angle_and_error(-159.7, 17.2) == ("200", "18")
 
 
 def test_planes_are_read_and_refused(tmp_path):

@@ -77,7 +77,7 @@ def test_where_nothing_explains_at_the_limit_no_more_is_claimed_than_was_tried(t
     found = explain(rig.model, read_measurement(tmp_path / "measurement.csv", rig), limit=3_000)
     assert found.verdict == "unexplained"
     told = sentence(found)
-    assert "the search limit was reached before all was tried." in told
+    assert "the search limit was reached before all was tried (--limit raises it)." in told
     assert "no further effect" not in told
     assert "`--mistakes`" not in told
     assert "mistakes in rig file and table" in found.cost.untried

@@ -163,7 +163,10 @@ def test_a_convention_that_a_gain_would_stand_for_is_said_to_be_one():
     m = dataclasses.replace(m, knowledge=dataclasses.replace(m.knowledge, amplitude="peak"))
     found = explain(model, m, only=["residual_unbalance", "amplitude_rms"], thorough=False)
     assert found.named == ("amplitude_rms",)
-    assert as_if_lines(found) == ["A gain of all probes of 0.707 would do the same: check scale factors too."]
+    assert as_if_lines(found) == [
+        "A gain of all probes of 0.707 would do the same: check scale factors too. Amplitudes here are as the table "
+        "states them."
+    ]
 
 
 def test_what_hardly_helps_is_not_the_answer():

@@ -18,15 +18,15 @@ NOTHING_UM = 1e-9
 
 
 def residual_map(axes: Axes, view: Comparison, *, limits_um: tuple[float, float] | None = None) -> Axes:
-    """|residual| [µm] as a map: runs down, speed and probe across; grey where nothing was measured."""
+    """|residual| [µm] as a map: runs down, probe and speed across; grey where nothing was measured."""
     m = view.measurement
     cluster, speeds = m.speed_cluster()
     columns = [
         (s, k, n)
         for n in range(len(m.orders))
-        for s in range(len(speeds))
         for k, probe in enumerate(m.probes)
         if probe in m.probes_read
+        for s in range(len(speeds))
     ]
     grid = np.full((len(m.runs), len(columns)), np.nan)
     for j, (s, k, n) in enumerate(columns):
