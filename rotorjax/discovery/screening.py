@@ -14,7 +14,7 @@ from rotorjax.data.declarations import OF_READING, OF_WEIGHT, Mistake
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.race import race
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.search import WIDE
+from rotorjax.discovery.search import wide_noise
 from rotorjax.inference.data import largest_displacement
 from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
 from rotorjax.inference.descent_settings import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, DescentSettings
@@ -226,7 +226,7 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
     compared under a wide noise, which does not ask for what is small: beside a strong spring and a trial weight on the
     opposite side no linear effect tells one change from another.
     """
-    wide = Noise(WIDE * stated.measurement.rms)
+    wide = wide_noise(stated.measurement)
     level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
     there = [(change, as_large_as_read(own, stated, change.contest)) for change in changes]
     alone = list[_Alone]()
@@ -287,7 +287,7 @@ def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, li
     stated under that noise stays so.
     """
     measurement = stated.change.contest.measurement
-    level = screen(stated.change, Noise(WIDE * measurement.rms))
+    level = screen(stated.change, wide_noise(measurement))
     enough = stated.change.contest.far_off
     stated = min(stated, _under_table_noise(level, hopeless=enough), key=lambda one: one.end.cost)
     if stated.holds:
@@ -322,7 +322,7 @@ def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
     All are begun, and go on in the order of what they leave: not once they promise twice as much as what is stated
     leaves, or far more than the best.
     """
-    wide, most = Noise(WIDE * level.change.contest.measurement.rms), level.end.cost + TIE
+    wide, most = wide_noise(level.change.contest.measurement), level.end.cost + TIE
     enough = most / HALVED
     begun = [screen(change, wide, settings=BEGUN, hopeless=enough) for change in changes]
     fitted = list[Screened]()

@@ -84,7 +84,7 @@ class SearchStart(NamedTuple):
 def begin(contest: Contest, *, known: Known | None = None, progress: Progress = lambda _: None) -> SearchStart:
     """What `select` goes on from. **Arguments:** ``known``: what was fitted before."""
     table: Known = dict(known or {})
-    start = settle(contest, [NOTHING], table, _wide(contest))
+    start = settle(contest, [NOTHING], table, wide_noise(contest.measurement))
     contest = with_floor(contest, start.contenders[NOTHING])
     table.update(start.contenders)
     progress(_beside(NOTHING))
@@ -159,9 +159,9 @@ def select(begun: SearchStart, most: int, *, progress: Progress = lambda _: None
         contest = with_floor(contest, table[present | small])
 
 
-def _wide(contest: Contest) -> Noise:
-    """A misfit to begin with."""
-    return Noise(WIDE * max(contest.measurement.rms, 1e-9))
+def wide_noise(measurement: Measurement) -> Noise:
+    """A misfit to begin with: data that a fit cannot meet would drag it into a corner."""
+    return Noise(WIDE * max(measurement.rms, 1e-9))
 
 
 def forward(
@@ -256,7 +256,7 @@ def _selection_of(
             present, small = present | {name}, small - {name}
     order: list[str] = []
     races: list[Race] = []
-    noise = _wide(contest)
+    noise = wide_noise(contest.measurement)
     while True:
         done = len(order) == len(present)
         base = frozenset(order) | (small if done else NOTHING)

@@ -4,6 +4,7 @@ from rotorjax.data.declarations import Mistake, amplitude_changes
 from rotorjax.discovery.bootstrap import UNEXPLAINED
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.ranking import is_detected, none_left
+from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
 from rotorjax.reporting.missing_force import missing_force_lines
@@ -93,6 +94,8 @@ HARDLY_MOVES = (
 def _undecided(found: Explanation) -> str:
     groups = found.tied_groups()
     others = ["others do as well"] if any(first for first, *_ in groups) else []
+    if any(tied.gap < -TIE for tied in found.ties.tied):
+        others = [f"more than {found.max_effects} effects are more probable (--max-effects)"]
     if not others and found.named_force is not None:
         others = ["a force outside the catalogue does as well"]
     within = ["more may be missing within the tolerance of the model's form"] if not all(g[0] for g in groups) else []

@@ -102,6 +102,8 @@ def probable_table(found: Explanation) -> Table | None:
 def _why_tied(tied: Alternative) -> str:
     if not tied.instead_of:
         return "within the tolerance of the model's form"
+    if tied.gap < -TIE:
+        return "more probable, but more effects than were to be added (--max-effects)"
     same = (
         "predictions differ, the overall fit is as good" if tied.apart > ALIKE else "predicts the same within the noise"
     )

@@ -29,10 +29,10 @@ from rotorjax.data.example import write_example
 from rotorjax.discovery.contest import Contender, Contest, make_contest
 from rotorjax.discovery.race import race
 from rotorjax.discovery.screening import Change, as_large_as_read, as_stated, beside_forces_of, of_what_fails
-from rotorjax.discovery.search import WIDE, begin, with_set
+from rotorjax.discovery.search import begin, wide_noise, with_set
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import largest_displacement
-from rotorjax.inference.noise import NO_NOISE, Noise
+from rotorjax.inference.noise import NO_NOISE
 from rotorjax.model.contract import Instant, RestoringEffect, SweepEffect
 
 import hidden_forces
@@ -352,7 +352,7 @@ def test_mistakes_are_held_against_one_another_beside_the_force_of_an_answer_tha
     """A weight on the opposite side in one of three runs beside a strong cubic spring, which a rub stands for."""
     drawn, mistake = draw_with_mistake(31450)
     contest = make_contest(drawn.model, drawn.measurement, CATALOG)
-    wide, answer = Noise(WIDE * drawn.measurement.rms), frozenset({"rub", "foundation"})
+    wide, answer = wide_noise(drawn.measurement), frozenset({"rub", "foundation"})
     own = race(contest, wide, [answer], {})[answer]
     every = mistakes(contest.space.model, contest.measurement)
     near = beside_forces_of(own, contest, [Change.of(contest, one, 0.0) for one in every], NO_NOISE)

@@ -61,14 +61,23 @@ def the_reading(m: Measurement, probe: str | None, order: float | None) -> tuple
     return one_of(probe, m.probes_read, "probe"), one_of(order, m.orders, "order")
 
 
+def _worst_probe(story: Story, order: float | None) -> str:
+    """The probe with the largest residual of the model as declared at one order."""
+    view = story.declared
+    m = view.measurement
+    n = m.orders.index(the_reading(m, None, order)[1])
+    return max(m.probes_read, key=lambda probe: float(np.sum(np.abs(view.residual[:, m.probes.index(probe), n]) ** 2)))
+
+
 def draw_before_after(
     axes: Axes, story: Story, *, run: str | None = None, probe: str | None = None, order: float | None = None
 ) -> Axes:
     """Amplitude over speed of one run, by default that with the most readings, of several the one with the largest
-    vibration: measured, as declared, and with what was added.
+    vibration: measured, as declared, and with what was added. By default of the probe at which the model as declared
+    fails most.
     """
     m = story.measurement
-    probe, order = the_reading(m, probe, order)
+    probe, order = the_reading(m, probe, order) if probe else the_reading(m, _worst_probe(story, order), order)
     read = m.present[:, m.probes.index(probe), m.orders.index(order)]
     run = run or max(runs_by_size(m), key=lambda name: int(read[m.run == m.runs.index(name)].sum()))
     curves = {"as declared": declared_curves(story.model, m, run)} if has_before(story) else {}
