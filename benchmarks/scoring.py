@@ -118,14 +118,16 @@ def is_confident_wrong(row: Row) -> bool:
     if row["verdict"] not in CONFIDENT:
         return False
     if row["outside"] is not None:
-        return (row["verdict"] == "explained" and distinct_styles(row)) or (weakest(row) > SEEN and _says_nothing(row))
+        return (row["verdict"] == "explained" and is_distinguishable(row)) or (
+            weakest(row) > SEEN and _says_nothing(row)
+        )
     if is_contained(row):
         return False
     unsaid = small(row) <= true(row) and not any(needed(row) <= named(row) | slight for slight in small_or_tied(row))
     return not named(row) <= true(row) or unsaid
 
 
-def distinct_styles(row: Row) -> bool:
+def is_distinguishable(row: Row) -> bool:
     """Whether a force outside the catalogue does what neither its nearest relative in it nor an answer called explained
     does, as far as these readings tell: by chi-square of the vectors without their noise.
     """
@@ -249,7 +251,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         rate("all: too small to matter, by a wrong name", rows, is_small_misnamed),
         rate("nothing hidden: explained by what is not there", nothing, is_confident_wrong, "<= 0.02"),
         rate("force outside the catalogue, told from it: not called explained", told, _not_explained, ">= 0.95"),
-        rate("the same, told from an answer called explained too", [*filter(distinct_styles, told)], _not_explained),
+        rate("the same, told from an answer called explained too", [*filter(is_distinguishable, told)], _not_explained),
         rate("force outside the catalogue, seen: not called explained", outside, _not_explained),
         rate("mistake: named, or tied", mistaken, _mistake_named, ">= 0.90"),
         rate("mistake: explained by something else", mistaken, _mistake_lost, "<= 0.01"),
