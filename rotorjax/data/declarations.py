@@ -14,7 +14,7 @@ from rotorjax.arrays import as_array
 from rotorjax.data.measurement import PEAK, Amplitude, Measurement, peak_of
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
-from rotorjax.units import RPM
+from rotorjax.units import MILLIMETRE, RPM
 
 MIL = 25.4
 """A thousandth of an inch, in µm."""
@@ -37,6 +37,7 @@ KINDS = (
     "runs_exchanged",
     "trial_weight_absent",
     "trial_weight_opposite",
+    "weights_unit",
     "slow_roll_subtracted",
 )
 """All kinds of changes, by name."""
@@ -46,6 +47,13 @@ OF_RUNS = ("runs_exchanged", "trial_weight_absent", "trial_weight_opposite")
 """Those of what was installed in single runs."""
 OF_READING = tuple(kind for kind in KINDS if kind.startswith(("amplitude", "phase", "probe")))
 """Those of how the table is to be read."""
+
+WEIGHT_UNITS = {
+    "kg": (1000.0, "in kg mm", "multiply every magnitude_g_mm by 1000"),
+    "cm": (10.0, "in g cm", "multiply every magnitude_g_mm by 10"),
+    "g": (math.nan, "in g, without the radius", "multiply every magnitude_g_mm by the radius of its plane in mm"),
+}
+"""Unit in which all weights may be given where g mm are stated -> factor, words, cure."""
 
 Stated = tuple[Model, Measurement]
 """What rig file and table state, as a model and a measurement."""
@@ -130,7 +138,7 @@ def amplitude_changes(stated: Amplitude | None) -> list[AmplitudeChange]:
 
 def mistakes(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Mistake]:
     """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
-    makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs)
+    makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs, _weights_unit)
     return [mistake for make in makers for mistake in make(model, measurement) if mistake.kind in kinds]
 
 
@@ -264,6 +272,24 @@ def _runs(_: Model, m: Measurement) -> Iterator[Mistake]:
         yield Mistake("runs_exchanged", about, f"runs {about[0]} and {about[1]} are exchanged", cure, right)
 
 
+def _weights_unit(_: Model, m: Measurement) -> Iterator[Mistake]:
+    """All weights in another unit; in g where the radius of every plane is stated."""
+    unbalance = np.asarray(m.conditions.unbalance)
+    if not np.any(unbalance):
+        return
+    radii = m.knowledge.plane_radii_m
+    for unit, (factor, words, cure) in WEIGHT_UNITS.items():
+        factors = np.full(unbalance.shape[1], factor)
+        if unit == "g":
+            if len(radii) != unbalance.shape[1] or None in radii:
+                continue
+            factors = np.array(radii, dtype=float) / MILLIMETRE
+        meaning = f"the weights of all runs are given {words}, not in g mm"
+        yield Mistake(
+            "weights_unit", (unit,), meaning, f"[runs]: {cure}", partial(_with_weights_times, factors=factors)
+        )
+
+
 def _in_mirror(model: Model, m: Measurement) -> Stated:
     mirrored = dataclasses.replace(model.probes, angle=as_array(-np.asarray(model.probes.angle)))
     return dataclasses.replace(_with_gravity(model, np.array([1.0, -1.0])), probes=mirrored), m
@@ -307,6 +333,10 @@ def _with_other_slow_roll(model: Model, m: Measurement) -> Stated:
 def _with_weight_of_run(model: Model, m: Measurement, *, run: int, factor: float) -> Stated:
     there = np.where((m.run == run)[:, None, None], factor, 1.0)
     return model, _installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
+
+
+def _with_weights_times(model: Model, m: Measurement, *, factors: np.ndarray) -> Stated:
+    return model, _installed(m, np.asarray(m.conditions.unbalance) * factors[:, None], np.asarray(m.conditions.bow))
 
 
 def _with_runs_exchanged(

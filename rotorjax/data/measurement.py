@@ -113,6 +113,8 @@ class Knowledge:
     """Speed of the slow roll, were its vectors subtracted."""
     amplitude: Amplitude | None = "peak"
     """What the table's amplitudes are said to be; none where recordings were read, which no convention concerns."""
+    plane_radii_m: tuple[float | None, ...] = ()
+    """Radius at which weights sit in each balancing plane, where it is stated."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

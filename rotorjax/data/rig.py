@@ -222,6 +222,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
         **uncertainty_of(document, tuple(model_parts[1])), priors=priors_of(document, catalog),
         limits=limits_of(document), tolerance=tolerance, run_scatter=scatter,
         amplitude=convention.amplitude, slow_roll_rpm=slow_roll_rpm,
+        plane_radii_m=tuple(plane.radius_m for plane in planes.values()),
     )  # fmt: skip
     layout = Layout(tuple(model_parts[1]) or ("X",), tuple(planes))
     declared = effects_of(document, layout, catalog)

@@ -7,7 +7,7 @@ from typing import Any
 
 import tomlkit
 
-from rotorjax.data.declarations import TRUE_AMPLITUDES, Mistake
+from rotorjax.data.declarations import TRUE_AMPLITUDES, WEIGHT_UNITS, Mistake
 
 _OPPOSITE = {"+x": "-x", "x": "-x", "-x": "+x", "+y": "-y", "y": "-y", "-y": "+y"}
 Edit = Callable[..., None]
@@ -100,6 +100,17 @@ def _trial_weight_opposite(document: Any, run: str) -> None:
         weight["angle_deg"] = _turned(weight.get("angle_deg", 0.0))
 
 
+def _weights_unit(document: Any, unit: str) -> None:
+    planes = document.get("planes", {})
+    for run in document["runs"].values():
+        weights = run.get("unbalance", [])
+        for weight in weights if isinstance(weights, list) else [weights]:
+            factor = WEIGHT_UNITS[unit][0]
+            if unit == "g":
+                factor = float(planes[weight.get("plane", next(iter(planes)))]["radius_mm"])
+            weight["magnitude_g_mm"] = float(f"{float(weight['magnitude_g_mm']) * factor:.12g}")
+
+
 def _section(document: Any, name: str) -> Any:
     if name not in document:
         document[name] = tomlkit.table()
@@ -134,6 +145,7 @@ _EDITS: dict[str, Edit] = {
     "runs_exchanged": _runs_exchanged,
     "trial_weight_absent": _trial_weight_absent,
     "trial_weight_opposite": _trial_weight_opposite,
+    "weights_unit": _weights_unit,
     "slow_roll_subtracted": _slow_roll,
 }
 """Kind of mistake -> what changes the rig file; kinds that are in the table are not here."""

@@ -98,6 +98,12 @@ def scaled(convention, factor):
     return made
 
 
+def grams_without_the_radius(rig, rows):
+    """The example's weights are of 1 g at 30 mm."""
+    plane = "[planes.disk]\nradius_mm = 30.0\n\n[runs.baseline]"
+    return rig.replace("magnitude_g_mm = 30.0", "magnitude_g_mm = 1.0").replace("[runs.baseline]", plane, 1), rows
+
+
 def reversed_probe(rig, rows):
     return rig, [
         {**row, "phase_deg": float(row["phase_deg"]) + (180.0 if row["probe"] == "Y" else 0.0)} for row in rows
@@ -144,6 +150,7 @@ CAMPAIGN = pytest.mark.campaign
         pytest.param(scaled("peak", 2.0**-0.5), "amplitude_rms", marks=CAMPAIGN),
         pytest.param(scaled("rms", 1.0), "amplitude_peak", marks=CAMPAIGN),
         pytest.param(scaled("rms", 2.0), "amplitude_peak_to_peak", marks=CAMPAIGN),
+        (grams_without_the_radius, "weights_unit.g"),
         pytest.param(no_mistake, None, marks=CAMPAIGN),
     ],
 )

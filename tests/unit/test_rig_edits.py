@@ -18,6 +18,7 @@ CHANGES = (
     ('rotation = "x-to-y"', 'rotation = "y-to-x"\nslow_roll_subtracted = true'),
     ('gravity = "-y"', "gravity = { angle_deg = 30.0 }"),
     ("{ magnitude_g_mm = 30.0, angle_deg = 120.0 }", "[{ magnitude_g_mm = 30.0, angle_deg = 120.0 }]"),
+    ("[limits]", "[planes.disk]\nradius_mm = 30.0\n\n[limits]"),
     ("[convention]", "[effects.residual_bow]\nbow_x_m = 1e-5\n\n[convention] # ours"),
 )
 
