@@ -66,7 +66,7 @@ class MotionResponse(NamedTuple):
     size: Float[np.ndarray, "state"]
     """|W g|: the force that is lacking, as a displacement [m]."""
     off: Float[np.ndarray, "state"]
-    """Largest |X g|: standard errors by which the reading is off what balance will make of it."""
+    """Standard errors by which the reading is off what balance will make of it (`_off_balance`)."""
     followed: Float[np.ndarray, "state dof wide"]
     """The motions, their higher orders as they follow the force."""
     own: ForceSlack | None = None
@@ -275,7 +275,8 @@ class Linearisation:
         equations = self.kernels.balanced(rows, motions[..., :count], swept=False)
         force, followed = (equations.force, motions) if not refined else self.kernels.refined(rows, motions)
         step = -_solved(equations.force_by_motion, force[..., None])
-        off = np.abs((equations.shown_by_motion @ step)[..., 0] * self._state_weight[states]).max(axis=1)
+        read = (equations.shown_by_motion @ step)[..., 0]
+        off = _off_balance(read, step[..., 0], motions[..., :count], self._state_weight[states])
         size = np.linalg.norm(force * self._per_force[states], axis=1)
         return Imbalance(size, off, step.reshape(*motions.shape[:2], count), followed)
 
@@ -305,7 +306,8 @@ class Linearisation:
             own = ForceSlack(by_force, seen, seen @ by_force)
         response = MotionResponse(
             newton, newton_slopes, np.linalg.norm(force * per_force, axis=1),
-            np.abs(off * self._state_weight[task.states]).max(axis=1), followed, own,
+            _off_balance(off, newton, task.motions[..., : self.kernels.coefficients], self._state_weight[task.states]),
+            followed, own,
         )  # fmt: skip
         return self._held_against(task, shown, slopes, response)
 
@@ -361,3 +363,20 @@ def _solved(
             with contextlib.suppress(np.linalg.LinAlgError):
                 found[index] = np.linalg.solve(matrices[index], right[index])
         return found
+
+
+def _off_balance(
+    read: Float[np.ndarray, "state cell"],
+    step: Float[np.ndarray, "state motion"],
+    motions: Float[np.ndarray, "state dof coefficient"],
+    weight: Float[np.ndarray, "state cell"],
+) -> Float[np.ndarray, "state"]:
+    """Standard errors by which the reading is off what balance will make of it: the larger of |X g|, to first order,
+    and |dq|²/|q| / σ, the order of the second: by symmetry the first may be zero however far off the motion is, as at
+    1X that of a sag through a cubic spring.
+
+    **Arguments:** ``read``: X g [m]; ``step``: Newton's dq [m]; ``motions`` q; ``weight``: 1/σ.
+    """
+    size = np.maximum(np.linalg.norm(motions.reshape(len(motions), -1), axis=1), 1e-300)
+    second = np.sum(step**2, axis=1) / size * weight.max(axis=1)
+    return np.maximum(np.abs(read * weight).max(axis=1), second)

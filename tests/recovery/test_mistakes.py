@@ -16,6 +16,7 @@ from rotorjax import (
     Layout,
     Measurement,
     Model,
+    compare,
     effects,
     explain,
     read_measurement,
@@ -233,6 +234,24 @@ def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
     found = explain(heavy, measurement, only=only, thorough=False, limit=100_000)
     assert (found.verdict, found.named) == ("explained", ("weight_absent", "duffing"))
     assert found.noise == NO_NOISE
+
+
+def test_a_sag_that_1x_does_not_show_to_first_order_is_no_balance():
+    """Measured at 1X only, a motion without the sag that the stated weight makes reads like one in balance: to first
+    order a cubic spring has no part of order 0 in order 1.
+    """
+    plan = Plan(
+        {"a": [4e-6 + 0j], "b": [30e-6 + 0j], "c": [30e-6 * np.exp(2.1j)]},
+        tuple(float(speed) for speed in np.linspace(800.0, 3000.0, 12) * np.pi / 30.0),
+        (1,),
+        sigma=1e-6,
+    )
+    rng = np.random.default_rng(0)
+    model, measurement = hidden_forces.measured((in_time.duffing(1e11),), plan, rng, (0.0, 0.0))
+    heavy = dataclasses.replace(model, rotor=dataclasses.replace(model.rotor, gravity=as_array([0.0, -9.81])))
+    found = explain(heavy, measurement, only=("duffing", "weight_absent"), thorough=False, limit=100_000)
+    assert found.named == ("weight_absent", "duffing")
+    assert compare(found.model, found.story.measurement).rms == pytest.approx(found.story.last.rms, rel=0.1)
 
 
 def _beside_an_unknown_unbalance(cubic):
