@@ -23,6 +23,7 @@ _UNITS: tuple[tuple[str, tuple[str, str, float]], ...] = (
     ("_n_per_m3", ("N/m³", "N/m³", 1.0)),
     ("_n_s2_per_m2", ("N s²/m²", "N s²/m²", 1.0)),
     ("_n_s_per_m", ("N s/m", "N s/m", 1.0)),
+    ("_n_s2_per_m", ("N s²/m", "N s²/m", 1.0)),
     ("_n_per_m", ("N/m", "N/m", 1.0)),
     ("_s_per_m", ("s/m", "s/mm", 1e3)),
     ("_m_per_n", ("m/N", "µm/N", 1e-6)),

@@ -173,7 +173,7 @@ def row_of(found: Explanation, rig: Rig) -> dict[str, Any]:
         "next_speed_rpm": further.get("speed_rpm"),
         "next_new_probes": further.get("new_probes", []),
         "next_separates": further.get("separates", []),
-        **_balance(told["balance"]),
+        **_balance(told["balance"], doubtful=found.verdict == "unexplained"),
         "no_correction": told["no_correction"],
         "linearisations": told["cost"]["linearisations"],
     }
@@ -212,12 +212,15 @@ def _sizes(found: Explanation, rig: Rig) -> dict[str, Any]:
     return {"sizes": told, "sizes_in_words": words}
 
 
-def _balance(told: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Corrections by plane, in numbers and in words."""
+def _balance(told: dict[str, dict[str, Any]], *, doubtful: bool) -> dict[str, Any]:
+    """Corrections by plane, in numbers and in words. **Arguments:** ``doubtful``: whether the data are unexplained."""
+    doubt = ", although the data are not explained" if doubtful else ""
     rows = [{"plane": plane, **{key: one[key] for key in _BALANCE}} for plane, one in told.items()]
     words = []
     for row in rows:
         unit = "g_mm" if row["correction_g"] is None else "g"
         mass = with_error(row["unbalance_g_mm" if unit == "g_mm" else "correction_g"], row[f"half_interval_{unit}"])
-        words.append(f"{mass} {unit.replace('_', ' ')} at {row['correction_angle_deg']:.0f}° in plane {row['plane']}")
+        words.append(
+            f"{mass} {unit.replace('_', ' ')} at {row['correction_angle_deg']:.0f}° in plane {row['plane']}{doubt}"
+        )
     return {"balance": rows, "balance_in_words": words}

@@ -58,6 +58,10 @@ class Model(eqx.Module, Shown):
     harmonic_balance: HarmonicBalance = eqx.field(static=True, default=HarmonicBalance())
 
     def __check_init__(self) -> None:
+        if not isinstance(self.rotor, AbstractRotor):
+            raise TypeError(
+                f"a {type(self.rotor).__name__} is no rotor: write Jeffcott(...), or hand over the .model of a rig file"
+            )
         if min(self.harmonic_balance) <= 0:
             raise ValueError(f"every setting of harmonic balance must be above zero; they are {self.harmonic_balance}")
         if self.probes.angle.shape != (len(self.layout.probes),) or self.participation.shape != (
@@ -75,6 +79,8 @@ class Model(eqx.Module, Shown):
         """The model with several effects added."""
         every = {e.name: e for e in self.effects}
         for effect in effects:
+            if isinstance(effect, type):
+                raise TypeError(f"{effect.__name__} is a class; add an effect of it: {effect.__name__}()")
             sized, present = effect.sized(self.layout), every.get(effect.name)
             every[effect.name] = sized if present is None else jax.tree.map(jnp.add, present, sized)
         return self._with_effects(every.values())

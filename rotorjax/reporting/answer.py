@@ -221,12 +221,14 @@ def left_line(found: Explanation) -> str:
             else ""
         )
     sign = "<=" if p.value <= 1.0 / (p.draws + 1) + 1e-12 else "="
-    scatter = " and the scatter between runs" if found.noise.scatter != NO_SCATTER else ""
+    more_than = ["the tolerance of the model's form"] if found.contest.measurement.knowledge.tolerance > 0.0 else []
+    more_than += ["the scatter between runs"] if found.noise.scatter != NO_SCATTER else []
+    others = "".join(f" and {what}" for what in more_than)
     more = p.value <= UNEXPLAINED
     judged = "is more than" if more else "is what"
-    allow = "" if more else " allow" if scatter else " allows"
+    allow = "" if more else " allow" if others else " allows"
     drawn = f"p {sign} {number(p.value, 2)} from {p.draws} simulated measurements"
-    return f"What is left {judged} the noise{scatter}{allow} ({drawn})."
+    return f"What is left {judged} the noise{others}{allow} ({drawn})."
 
 
 def tie_lines(found: Explanation) -> list[str]:

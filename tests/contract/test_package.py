@@ -10,7 +10,7 @@ import rotorjax
 ROOT = Path(rotorjax.__file__).parent
 LAYERS = [
     "shown", "errors", "units", "arrays", "compilation", "model", "effects", "physics", "data",
-    "inference", "diagnosis", "discovery", "reporting", "batch", "paper", "web", "cli",
+    "inference", "diagnosis", "discovery", "reporting", "batch", "paper", "web", "cli", "__main__",
 ]  # fmt: skip
 LEVEL = {name: level for level, name in enumerate(LAYERS)}
 PUBLIC = {

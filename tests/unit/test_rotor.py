@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, response
+from rotorjax import Conditions, Jeffcott, Model, effects, read_rig, response
+from rotorjax.data.example import write_example
 from rotorjax.model.rotor import bearing_stiffness
 
 USUAL = {"mass": 1.0, "stiffness": [5e4, 4e4], "damping_ratio": 0.02, "gravity": [0.0, -9.81]}
@@ -52,3 +53,11 @@ def test_numbers_that_are_not_known_yet_pass():
     assert np.all(np.isfinite(jax.jit(jax.grad(size, argnums=(0, 1, 2)))(1.0, 2000.0, 0.02)))
     many = jax.vmap(lambda mass: Jeffcott(mass, [5e4, 4e4], 0.02).stiffness)(jnp.array([1.0, 2.0]))
     assert many.shape == (2, 2)
+
+
+def test_what_is_no_rotor_and_what_is_no_effect_is_refused(tmp_path):
+    write_example(tmp_path)
+    with pytest.raises(TypeError, match="rotor"):
+        Model(read_rig(tmp_path / "rig.toml"))
+    with pytest.raises(TypeError, match="MassError"):
+        Model(Jeffcott(1.0, 1e5, 0.02)) + effects.MassError
