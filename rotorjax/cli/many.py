@@ -159,7 +159,8 @@ def progress_text(progress: "Progress") -> str:
     finished = progress.before + progress.done
     full = BAR * finished // max(progress.total, 1)
     failed = f", {progress.failed} failed" if progress.failed else ""
-    left = f", about {duration(progress.left_s)} left" if progress.left_s else ""
+    seconds = progress.left_s or 0.0
+    left = f", about {duration(seconds)} left" if seconds >= 1.0 else ""
     return f"explaining [{'#' * full}{'-' * (BAR - full)}] ({finished} of {progress.total}{failed}{left})"
 
 

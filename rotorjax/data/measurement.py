@@ -18,7 +18,6 @@ from rotorjax.data.given_arrays import (
     checked_sigma,
     measured_cells,
 )
-from rotorjax.errors import InputError
 from rotorjax.model.conditions import Conditions, Layout
 from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
@@ -46,8 +45,6 @@ if TYPE_CHECKING:
 
 NOISE_ALONE = 0.01
 """Probability of noise alone from which on nothing was measured."""
-MOST_NAMED = 5
-"""Conditions named in one message."""
 CLUSTER_WIDTH = 0.02
 """Dwells within 2 % of one another count as one speed: real dwells never repeat to the digit."""
 
@@ -377,20 +374,3 @@ def aligned_half_orders(measurement: Measurement) -> Measurement:
 def is_half_order(order: float) -> bool:
     """Whether a once-per-turn reference leaves the sign of this order open."""
     return abs(order % 1.0 - 0.5) < 1e-6
-
-
-def require_steady(predicted: Complex[np.ndarray, "case probe order"], measurement: Measurement) -> None:
-    """Refuse a prediction that has no steady state somewhere.
-
-    **Errors.** `InputError` with the conditions, where a vector that was measured is predicted as not a number.
-    """
-    lost = np.flatnonzero(~np.all(np.isfinite(predicted) | ~measurement.present, axis=(1, 2)))
-    if len(lost):
-        shown = ", ".join(
-            f"{measurement.runs[measurement.run[k]]} at {measurement.speed_rpm[k]:.0f} rpm" for k in lost[:MOST_NAMED]
-        )
-        more = f" and {len(lost) - MOST_NAMED} more" if len(lost) > MOST_NAMED else ""
-        raise InputError(
-            f"the model has no steady state that could be found for {shown}{more}: weaken its forces that depend on "
-            "motion, or leave those out"
-        )

@@ -63,6 +63,14 @@ class Record:
     rate: float | None = None
     """At which its speed changes, where it does so steadily [rad/s²]: models then take it into account."""
 
+    @property
+    def largest(self) -> float:
+        """Amplitude of the largest vector [m]; a constant, such as the voltage of the gap, is none where others are
+        there.
+        """
+        moving = [n for n, order in enumerate(self.orders) if order > 0.0] or [0]
+        return max(float(np.max(np.abs(point.vectors[:, moving]))) for point in self.points)
+
 
 @dataclasses.dataclass(frozen=True)
 class Records:

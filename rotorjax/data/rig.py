@@ -73,6 +73,15 @@ class Rig:
     document: Document
     """The file as read, for the places of what is said about it."""
 
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.model.effects) or "none"
+        uncertain = ", ".join(dict.fromkeys(one.effect for one in self.knowledge.uncertain)) or "nothing"
+        layout = self.model.layout
+        return (
+            f"Rig({self.path}; probes {', '.join(layout.probes)}; planes {', '.join(layout.planes)}; "
+            f"runs {', '.join(self.runs) or 'none'}; effects {effects}; uncertain {uncertain})"
+        )
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What in it can hardly be meant, one line each."""

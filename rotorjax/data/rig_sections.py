@@ -312,7 +312,11 @@ def effects_of(
     declared = []
     for name, table in document.section("effects").tables():
         if name not in catalog:
-            document.report(("effects", name), f"unknown effect; {nearest_effect(name, catalog)}")
+            document.report(
+                ("effects", name),
+                f"unknown effect; {nearest_effect(name, catalog)} (one of your own: in Python, "
+                "read_rig(..., catalog=...))",
+            )
             continue
         orders = _orders_named(catalog[name], table.data)
         known = layout._replace(orders=orders or layout.orders)

@@ -5,7 +5,8 @@ import dataclasses
 import jax
 import numpy as np
 
-from rotorjax.data.measurement import Measurement, Row, arrange, require_steady
+from rotorjax.data.measurement import Measurement, Row, arrange
+from rotorjax.data.pairing import require_steady
 from rotorjax.data.rig import Rig
 from rotorjax.data.table import HIGHEST_ORDER, LARGEST
 from rotorjax.errors import InputError

@@ -8,7 +8,7 @@ from rotorjax.data.section import close_to, nearest
 SYNONYMS: dict[str, tuple[str, ...]] = {
     "residual_unbalance": (
         "unbalance", "imbalance", "out of balance", "mass eccentricity", "heavy spot", "lost blade", "thrown blade",
-        "deposit", "fouling", "loss of balance weight", "inherent unbalance", "initial unbalance",
+        "deposit", "fouling", "loss of balance weight", "balancing", "inherent unbalance", "initial unbalance",
     ),
     "residual_bow": ("bow", "bent shaft", "bent rotor", "permanent bow", "initial bow", "warped rotor"),
     "thermal_bow": (
@@ -23,8 +23,8 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
         "run-up rate", "coast-down", "startup", "shutdown", "acceleration", "transient", "beat after resonance", "ramp",
     ),
     "stiffness_error": (
-        "wrong stiffness", "critical speed off", "natural frequency off", "resonance off", "bearing stiffness",
-        "soft bearing", "stiff bearing", "Young's modulus", "shaft too soft", "worn bearing",
+        "wrong stiffness", "critical speed", "critical speed off", "natural frequency off", "resonance off",
+        "bearing stiffness", "soft bearing", "stiff bearing", "Young's modulus", "shaft too soft", "worn bearing",
     ),
     "mass_error": ("wrong mass", "modal mass", "effective mass", "added mass", "disk mass", "fluid inertia"),
     "damping_error": ("wrong damping", "damping ratio", "amplification factor off", "Q factor", "log decrement"),
@@ -37,7 +37,8 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
         "swirl", "impeller force", "fluid-induced instability", "journal bearing force",
     ),
     "speed_dependent_stiffness": (
-        "hydrodynamic stiffening", "centrifugal stiffening", "bearing stiffness over speed", "ball bearing spin",
+        "hydrodynamic stiffening", "Lomakin effect", "seal stiffness", "centrifugal stiffening",
+        "bearing stiffness over speed", "ball bearing spin",
     ),
     "internal_damping": (
         "rotating damping", "hysteretic damping", "hysteresis", "material damping", "shrink fit friction", "loose fit",

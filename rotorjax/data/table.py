@@ -74,6 +74,7 @@ def parse_table(text: str, path: Path, *, probes: Iterable[str] | None = None) -
     header = _read_header(path, *lines[0], notes)
     if header.delimiter == ";":
         header = header._replace(decimal_commas=any(_DECIMAL_COMMA.search(line) for _, line in lines[1:]))
+    _refuse_decimal_commas(path, header, [line for _, line in lines[1:]])
     problems: list[str] = []
     rows: list[Row] = []
     numbers: list[int] = []
@@ -88,6 +89,16 @@ def parse_table(text: str, path: Path, *, probes: Iterable[str] | None = None) -
         problems.append(f"{path}: no rows below the header; write one per run, speed, probe and order")
     notes += [f"{path}: {note}" for note in suspicious(rows)]
     return Table(rows, numbers, notes, problems)
+
+
+def _refuse_decimal_commas(path: Path, header: _Header, lines: list[str]) -> None:
+    """One message where every row of a table separated by commas has more cells than the header, and no point."""
+    without_point = all(not {'"', "."} & set(line) for line in lines)
+    if header.delimiter == "," and lines and without_point and all(line.count(",") >= header.width for line in lines):
+        raise InputError(
+            f"{path}: every row has more than the {header.width} cells of the header, as with decimal commas: write "
+            "decimal points, or separate the cells of all lines by semicolons"
+        )
 
 
 def _split(line: str, delimiter: str) -> list[str]:

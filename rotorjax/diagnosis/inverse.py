@@ -9,6 +9,7 @@ import numpy as np
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import several
+from rotorjax.data.pairing import paired
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.least_squares import Solution, solve
 from rotorjax.diagnosis.separability import why_not_separable
@@ -17,6 +18,8 @@ from rotorjax.inference.faults import installed_faults, polar_covariance
 from rotorjax.inference.space import make_space
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
+from rotorjax.shown import Shown
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,13 +39,30 @@ class RunDiagnosis:
     model_holds: bool | None
     """Whether the misfit is within the noise; none where the noise is not known, or no reading is left over."""
 
+    def __str__(self) -> str:
+        faults = (("unbalance", self.unbalance, GRAM_MILLIMETRE, "g mm"), ("bow", self.bow, MICROMETRE, "µm"))
+        sizes = [
+            f"{what} not determined" if fault is None else f"{what} {fault.magnitude / unit:.3g} {shown}"
+            for what, fault, unit, shown in faults
+        ]
+        sure = " where the model fails" if self.model_holds is False else "" if self.identifiable else ", not separable"
+        return f"{self.run}: {', '.join(sizes)}{sure}"
+
 
 @dataclasses.dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Shown):
     """What `diagnose` found in every run, and the inherent faults where a reference was given."""
 
     runs: tuple[RunDiagnosis, ...]
     inherent: RunDiagnosis | None
+
+    @property
+    def found(self) -> tuple[RunDiagnosis, ...]:
+        """Every run, and what is inherent, if that was asked for."""
+        return (*self.runs, *([self.inherent] if self.inherent else []))
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({'; '.join(map(str, self.found))})"
 
 
 def diagnose(
@@ -61,13 +81,12 @@ def diagnose(
     that is not a run, without 1X, or for a measurement with other probes or planes.
     """
     require_float64("diagnose")
+    whole = paired(model, measurement)
     if 1.0 not in measurement.orders:
         raise ValueError("the table holds no order 1: unbalance and bow show at 1X")
     reference = several(reference)
     if missing := [run for run in reference if run not in measurement.runs]:
         raise ValueError(f"reference run {missing[0]!r} is not in the table, which has {', '.join(measurement.runs)}")
-    whole = model if isinstance(model, Model) else Model(model)
-    measurement.require_layout(whole.layout)
     full = whole.with_orders(measurement.orders).with_null_effects(
         CATALOG[name] for name in {u.effect for u in measurement.knowledge.uncertain}
     )

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax.data.measurement import Measurement, require_steady
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.pairing import paired, require_steady
 from rotorjax.inference.noise import reduced_chi2
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
@@ -115,8 +116,7 @@ def compare(model: Model | AbstractRotor, measurement: Measurement) -> Compariso
     ``measurement``. Nothing is fitted: that is `fit`. **Returns** a `Comparison`.
     **Errors.** ``ValueError`` if the probes or the number of planes differ.
     """
-    full = model if isinstance(model, Model) else Model(model)
-    measurement.require_layout(full.layout)
+    full = paired(model, measurement)
     predicted = np.asarray(response(full.with_orders(measurement.orders), measurement.conditions))
     require_steady(predicted, measurement)
     return compare_vectors(predicted, measurement, full.with_orders(measurement.orders))

@@ -9,8 +9,9 @@ from threadpoolctl import threadpool_limits
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
-from rotorjax.data.measurement import Measurement, aligned_half_orders, require_steady
+from rotorjax.data.measurement import Measurement, aligned_half_orders
 from rotorjax.data.names import several
+from rotorjax.data.pairing import paired, require_steady
 from rotorjax.discovery.answers import Answer, MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
@@ -81,8 +82,7 @@ def explain(  # noqa: PLR0913
     for a measurement with other probes or planes.
     """
     require_float64("explain")
-    full = model if isinstance(model, Model) else Model(model)
-    measurement.require_layout(full.layout)
+    full = paired(model, measurement)
     check_catalog(catalog, full.with_orders(measurement.orders))
     candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
     if measurement.rms == 0.0:

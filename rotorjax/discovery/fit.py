@@ -14,6 +14,7 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
+from rotorjax.data.pairing import paired
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
@@ -159,7 +160,7 @@ def fit(
     **Errors.** ``ValueError`` in single precision, for a name that the model lacks, or for an effect of one's own that
     breaks a rule of effects; `InputError` where nothing is finite.
     """
-    full = model if isinstance(model, Model) else Model(model)
+    full = paired(model, measurement)
     names = tuple(e.name for e in full.effects) if free is None else several(free)
     if missing := [name for name in names if name not in full]:
         raise ValueError(f"the model has no {missing[0]!r} to fit; add it first: model + effect")
@@ -212,7 +213,7 @@ def fit_steps(
     which they come.
     **Returns** one `Fit` per step, the first without any addition. Errors as for `fit`.
     """
-    full = model if isinstance(model, Model) else Model(model)
+    full = paired(model, measurement)
     everything = full.plus(additions)
     check_own_effects(everything.with_orders(measurement.orders))
     fits = []
@@ -235,7 +236,6 @@ def _stage(
 ) -> Stage:
     """The model in the company, at their null, of all that might be freed."""
     require_float64("fit")
-    measurement.require_layout(model.layout)
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     own = {e.name: type(e) for e in everything.effects}
     # The whole catalogue, and all terms where there is one: the compiled code is then the same whatever is fitted.

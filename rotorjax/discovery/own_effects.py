@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from rotorjax.data.synonyms import nearest_effect
 from rotorjax.effects.terms import NAMED
 from rotorjax.model.conditions import Layout
 from rotorjax.model.contract import (
@@ -43,6 +44,8 @@ ABSENT: dict[type[Effect], tuple[str, Any]] = {
 }
 """Hooks that are asked at an operating point, and what they return where the effect is absent."""
 PER_PROBE = {"direction", "runout", "gain"}
+COMPLEX = {"compliance", "force", "offset", "runout", "gain"}
+"""What may be complex of that which hooks return at an operating point."""
 SINGLE = {"delay", "phase", "turn"}
 SHARE = 1e-9
 """Of what an effect does at its prior scales, what may be left at zero by rounding."""
@@ -52,9 +55,10 @@ def check_catalog(catalog: Mapping[str, type[Effect]], model: Model | AbstractRo
     """Refuse a catalogue that would lose an effect on the way, or one that breaks a rule of effects.
 
     **Errors.** ``ValueError`` for a key that is not the effect's name, for an effect instead of its class, for a family
-    that there is not, for a form of parameters that it does not have; for an effect of one's own whose prior scale is
-    not positive, whose hooks return something else than they should, which is not absent where its parameters are zero
-    or has no finite slope there; and for a force that is not two finite numbers at rest.
+    or a relative that there is not, for a form of parameters that it does not have; for an effect of one's own whose
+    prior scale is not positive, whose hooks return something else than they should or cannot be differentiated, which
+    is not absent where its parameters are zero or has no finite slope there; and for a force that is not two finite
+    numbers at rest.
     """
     full = model if isinstance(model, Model) else Model(model)
     for key, cls in catalog.items():
@@ -66,6 +70,8 @@ def check_catalog(catalog: Mapping[str, type[Effect]], model: Model | AbstractRo
                 f"{cls.__name__}}}"
             )
         _check_class(cls, full)
+        if unknown := [name for name in cls.relatives if name not in catalog and name not in NAMED]:
+            raise ValueError(f"{key}: relatives names {unknown[0]!r}; {nearest_effect(unknown[0], NAMED | catalog)}")
 
 
 def check_own_effects(model: Model) -> None:
@@ -80,7 +86,13 @@ def _check_class(cls: type[Effect], model: Model) -> None:
     if cls.family not in get_args(Family):
         raise ValueError(f"{cls.name}: family {cls.family!r}; there are {', '.join(get_args(Family))}")
     _check_forms(cls)
-    check_effect(cls, model)
+    try:
+        check_effect(cls, model)
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+        raise ValueError(
+            f"{cls.name}: its equations hold what needs a plain number, such as an `if` on a value, float(), math or "
+            "NumPy functions: write jnp.where(condition, this, that), and functions of jax.numpy"
+        ) from error
 
 
 def _check_forms(cls: type[Effect]) -> None:
@@ -129,11 +141,14 @@ def check_effect(cls: type[Effect], model: Model) -> None:
 
 def _hooks(effect: Effect, model: Model, index: int) -> Iterator[tuple[str, Any, Any]]:
     """Name of every hook of an effect, what it returns at one order, and what it would were the effect absent."""
-    rotor, size = model.rotor, model.rotor.quantities()["eccentricity"]
+    # What is computed here is traced where the caller is, as in a fit: an `if` on it then fails.
+    rotor, one = model.rotor, jnp.ones(())
+    with jax.ensure_compile_time_eval():
+        size = rotor.quantities()["eccentricity"]
     speed, motion = 0.9 * rotor.natural_frequency(), size * jnp.array([1.0, -0.7])
     weights, order = jnp.ones((len(model.layout.planes), 2)), jnp.asarray(model.layout.orders[index])
     point = OperatingPoint(rotor, speed, order, jnp.asarray(index), size * rotor.mass * weights, motion)
-    instant = Instant(rotor, speed, jnp.asarray(0.6), motion, speed * motion[::-1], motion)
+    instant = Instant(rotor, speed, 0.6 * one, motion, speed * motion[::-1], motion)
     for kind, (name, absent) in ABSENT.items():
         if isinstance(effect, kind):
             yield name, getattr(effect, name)(point), absent
@@ -152,6 +167,7 @@ def _check_returned(hook: str, returned: Any, absent: Any, probes: int) -> None:
     if not isinstance(absent, tuple):
         if jnp.shape(returned) != jnp.shape(absent):
             raise ValueError(f"{hook} returns shape {jnp.shape(returned)}; its shape must be {jnp.shape(absent)}")
+        _check_real(hook, returned)
         return
     kind: Any = type(absent)
     if not isinstance(returned, kind):
@@ -163,6 +179,13 @@ def _check_returned(hook: str, returned: Any, absent: Any, probes: int) -> None:
         whole = (2, 2) if kind is Matrices else (probes,) if field in PER_PROBE else () if field in SINGLE else (2,)
         if jnp.shape(value) != whole and not _one_for_all(value, field, kind):
             raise ValueError(f"{hook} returns {field} of shape {jnp.shape(value)}; its shape must be {whole}")
+        if field not in COMPLEX:
+            _check_real(f"{hook}: {field}", value)
+
+
+def _check_real(what: str, value: Any) -> None:
+    if jnp.iscomplexobj(value):
+        raise ValueError(f"{what} is complex; it must be real: phase comes from damping and from complex forces")
 
 
 def _one_for_all(value: Any, field: str, kind: type) -> bool:
@@ -189,6 +212,7 @@ def _check_slopes(null: Effect, model: Model, index: int) -> None:
         return {name: jax.tree.map(lambda leaf: 1.0 * jnp.asarray(leaf), tree) for name, tree, _ in asked}
 
     declared = null.parameters()
+    jax.eval_shape(returned, null.values())
     for name, tree in jax.jacfwd(returned)(null.values()).items():
         for k, slope in enumerate(jax.tree.leaves(tree)):
             if not bool(jnp.all(jnp.isfinite(slope))):

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
+from rotorjax.data.pairing import paired
 from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
@@ -137,7 +138,7 @@ def tell(
     keep their value; ``mistake``: what is taken to be written down wrongly (`rotorjax.data.declarations.mistakes`), put
     right before anything is added.
     """
-    model = model if isinstance(model, Model) else Model(model)
+    model = paired(model, measurement)
     names = tuple(effect.name for effect in additions)
     if not additions and mistake is None:
         return Story(model, measurement, compare(model, measurement), names, (), (), ())

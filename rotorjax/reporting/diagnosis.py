@@ -49,7 +49,7 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement, *, 
 
 def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
     """Unbalance and bow of every run, with 95 % intervals, and below it what the table does not say by itself."""
-    found = [*diagnosis.runs, *([diagnosis.inherent] if diagnosis.inherent else [])]
+    found = diagnosis.found
     headers = ["run", "unbalance g mm ± 95 %", ANGLE, "bow µm ± 95 %", BOW_ANGLE, SEPARABLE, MISFIT, IF_NO_BOW]
     rows = []
     for run in found:
@@ -62,7 +62,7 @@ def diagnosis_table(diagnosis: Diagnosis, convention: Convention) -> Table:
         rows.append([run.run, *cells, separable, number(misfit), _alone(run, convention)])
     title = "Unbalance and bow of every run, with what was installed in it"
     spare = [IF_NO_BOW, MISFIT, BOW_ANGLE, SEPARABLE, ANGLE]
-    table = Table(title, headers, rows, "\n".join(_notes(diagnosis, found)), spare=spare)
+    table = Table(title, headers, rows, "\n".join(_notes(diagnosis)), spare=spare)
     return table.without_empty((MISFIT, IF_NO_BOW))
 
 
@@ -85,9 +85,9 @@ def _alone(run: RunDiagnosis, convention: Convention) -> str:
     return f"{size} at {angle_and_error(convention.angle_deg(alone.pair), 10.0)[0]}°"
 
 
-def _notes(diagnosis: Diagnosis, found: list[RunDiagnosis]) -> list[str]:
+def _notes(diagnosis: Diagnosis) -> list[str]:
     """Lines below the table: what its words mean, and why something is not determined."""
-    lines = []
+    lines, found = [], diagnosis.found
     faults = [fault for run in found for fault in (run.unbalance, run.bow) if fault is not None]
     if any(fault.covariance is not None and not fault.differs_from_zero for fault in faults):
         lines.append("below: not different from zero; the vector is smaller than that (95 %), and its angle is open.")

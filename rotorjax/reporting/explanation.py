@@ -55,7 +55,10 @@ def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     if NO_UNIT in found.objections:
         doubt = ", if the installed weights are as stated"
     if found.verdict == "unexplained":
-        doubt = ", although what was found does not explain the data (`rotorjax diagnose` needs no rotor model)"
+        doubt = (
+            ", although what was found does not explain the data (influence coefficients, by `rotorjax diagnose`, need "
+            "no rotor model)"
+        )
     return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
 
 

@@ -7,13 +7,14 @@ import numpy as np
 
 from rotorjax.data.measurement import COLUMN, Measurement
 from rotorjax.data.rig import to_rows
+from rotorjax.diagnosis.inverse import Diagnosis
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.story import Story
 from rotorjax.model.model import Model
 from rotorjax.reporting.comparison import step_labels, steps
-from rotorjax.units import MICROMETRE, RPM, unit_of
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM, unit_of
 
 
 def frame(result: Any) -> Any:
@@ -21,8 +22,8 @@ def frame(result: Any) -> Any:
 
     A measurement has a row per vector, as in a table, but zero-to-peak with leading phase whatever the rig file says,
     as the names of its columns state; a comparison a row per vector with its prediction, the worst first; a fit a row
-    per parameter; a story a row per step; an explanation a row per candidate of every step; a model a row per number of
-    its rotor and effects.
+    per parameter; a diagnosis a row per run, angles as leading phases count; a story a row per step; an explanation a
+    row per candidate of every step; a model a row per number of its rotor and effects.
     **Errors.** ``ImportError`` where pandas is not installed, ``TypeError`` for what has no rows.
     """
     makers = {
@@ -32,6 +33,7 @@ def frame(result: Any) -> Any:
         Story: _steps,
         Explanation: _candidates,
         Model: _parts,
+        Diagnosis: _faults,
     }
     for kind, make in makers.items():
         if isinstance(result, kind):
@@ -106,6 +108,21 @@ def _candidates(found: Explanation) -> list[dict[str, Any]]:
         for step, ranking in enumerate(found.rankings)
         for ranked in ranking
     ]
+
+
+def _faults(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    rows = []
+    for run in diagnosis.found:
+        row: dict[str, Any] = {"run": run.run}
+        for name, fault, unit in (("unbalance_g_mm", run.unbalance, GRAM_MILLIMETRE), ("bow_um", run.bow, MICROMETRE)):
+            size = (None, None, None)
+            if fault is not None:
+                angle = float(np.degrees(np.arctan2(fault.pair[1], fault.pair[0])))
+                half = fault.half_interval
+                size = (fault.magnitude / unit, None if half is None else half / unit, angle)
+            row |= dict(zip((name, f"{name}_half_interval", f"{name}_angle_deg"), size, strict=True))
+        rows.append(row | {"separable": run.identifiable, "reduced_chi2": run.reduced_chi2, "reason": run.reason})
+    return rows
 
 
 def _parts(model: Model) -> list[dict[str, Any]]:

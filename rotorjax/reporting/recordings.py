@@ -34,8 +34,8 @@ def _row(record: Record) -> list[str]:
     ends = [f"{speed:.1f}" if record.steady else f"{speed:.0f}" for speed in (speeds[0], speeds[-1])]
     speed = " to ".join(dict.fromkeys(ends))
     error = np.concatenate([np.hypot(point.sigma, point.bias).ravel() for point in points]) / MICROMETRE
-    largest = max(float(np.max(np.abs(point.vectors))) for point in points) / MICROMETRE
     return [
         record.file, record.run, speed, str(sum(point.revolutions for point in points)), str(len(points)),
-        ", ".join(f"{order:g}X" for order in record.orders), number(largest), number(float(np.median(error))),
+        ", ".join(f"{order:g}X" for order in record.orders),
+        number(record.largest / MICROMETRE), number(float(np.median(error))),
     ]  # fmt: skip

@@ -12,6 +12,7 @@ from rotorjax.data.names import harmless
 from rotorjax.data.record_vectors import Records
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
+from rotorjax.diagnosis.inverse import Diagnosis
 from rotorjax.discovery.compare import Comparison
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.fit import Fit
@@ -27,6 +28,7 @@ from rotorjax.reporting.comparison import (
     sizes_by_effect,
     worst_cells,
 )
+from rotorjax.reporting.diagnosis import diagnosis_table
 from rotorjax.reporting.explanation import explanation_page, explanation_text, headline
 from rotorjax.reporting.frames import parts_of
 from rotorjax.reporting.page import Headline, html_report
@@ -46,6 +48,8 @@ def summary(result: Any, rig: Rig | None = None) -> str:
         return comparison_text(result, None if rig is None else rig.put_right(result.mistake).convention)
     if isinstance(result, Measurement):
         return measurement_line(result)
+    if isinstance(result, Diagnosis):
+        return diagnosis_table(result, Convention() if rig is None else rig.convention).text()
     return "\n\n".join(
         [*([] if isinstance(result, Model) else [repr(result)]), *(table.text() for table in _tables(result))]
     )
@@ -89,7 +93,7 @@ def html(result: Any) -> str:
         return _headline(Headline("compared", comparison_text(result).split("\n\n")[1], "", found, [], []))
     line = (
         ""
-        if isinstance(result, Model)
+        if isinstance(result, Model | Diagnosis)
         else measurement_line(result)
         if isinstance(result, Measurement)
         else repr(result)
@@ -123,13 +127,15 @@ def _table(table: Table) -> str:
 
 
 def _tables(result: Any) -> list[Table]:
-    """What there is to say of a fit, a comparison, a model or a measurement in tables."""
+    """What there is to say of a fit, a comparison, a diagnosis, a model or a measurement in tables."""
     if isinstance(result, Fit):
         return [parameter_table(result)] if result.estimates else []
     if isinstance(result, Comparison):
         return [worst_cells(result, "Where the model fails"), share_table(result, "Share of the misfit")]
     if isinstance(result, Measurement):
         return [_runs(result)]
+    if isinstance(result, Diagnosis):
+        return [diagnosis_table(result, Convention())]
     return [_effects(result)]
 
 

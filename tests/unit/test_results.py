@@ -16,6 +16,7 @@ from rotorjax import (
     Layout,
     Measurement,
     Model,
+    compare,
     diagnose,
     effects,
     explain,
@@ -240,6 +241,26 @@ def test_unknown_names_are_answered_with_those_there_are(found, story, measured)
     ):
         with pytest.raises(ValueError, match=message):
             ask()
+
+
+def test_what_is_no_model_or_no_measurement_is_called_that(measured):
+    model, m = measured
+    for ask in (compare, fit, explain, diagnose):
+        # By name: here types are checked before.
+        with pytest.raises(TypeError, match=r"no rotor|parameter 'model'"):
+            ask(m, model)
+        with pytest.raises(TypeError, match=r"no measurement|parameter 'measurement'"):
+            ask(model, "measurement.csv")
+
+
+def test_a_diagnosis_says_in_short_and_in_a_table_what_it_found(measured):
+    found = diagnose(*measured)
+    assert repr(found).startswith("Diagnosis(<script>: unbalance 9")
+    assert "unbalance g mm ± 95 %" in found.summary()
+    assert "<script>" not in found._repr_html_()
+    rows = found.to_pandas().set_index("run")
+    assert rows.loc["<script>", "unbalance_g_mm"] == pytest.approx(np.hypot(5.8, 6.9), rel=0.1)
+    assert rows.loc["<script>", "unbalance_g_mm_angle_deg"] == pytest.approx(50.0, abs=6.0)
 
 
 def test_one_name_stands_for_a_collection_of_it(measured):

@@ -127,6 +127,16 @@ class NoDirection(Mine):
         return self.size_n * instant.position / jnp.linalg.norm(instant.position)
 
 
+class WithAnIf(Mine):
+    def force(self, instant: Instant) -> Array:
+        return self.size_n * instant.position if instant.position[0] > 0.0 else jnp.zeros(2)
+
+
+class WithNumpy(Mine):
+    def force(self, instant: Instant) -> Array:
+        return self.size_n * np.tanh(instant.velocity)
+
+
 class Misspelt(Mine):
     @classmethod
     def forms(cls, layout, angles):
@@ -142,6 +152,8 @@ class Elsewhere(Mine):
     [
         (OneNumber, r"shape \(\); return \(f_x, f_y\) in N"),
         (NoDirection, "keep it finite there"),
+        (WithAnIf, r"an `if` on a value, .*: write jnp.where"),
+        (WithNumpy, "functions of jax.numpy"),
         (Misspelt, r"mine: forms\(\) names 'size'; its parameters are size_n"),
         (Elsewhere, "family 'magic'; there are excitation, structure, restoring, reading"),
     ],
@@ -188,6 +200,18 @@ class Scalar(Bare):
         return Matrices(mass=self.share * point.rotor.mass)
 
 
+class LossFactor(Bare):
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(stiffness=1j * self.share * jnp.diag(point.rotor.stiffness))
+
+
+class OfWhatIsNot(Bare):
+    relatives: ClassVar[tuple[str, ...]] = ("mas_error",)
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return Matrices(mass=self.share * point.rotor.mass * jnp.eye(2))
+
+
 class RootOfMass(Bare):
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(mass=jnp.sqrt(self.share) * point.rotor.mass * jnp.eye(2))
@@ -219,6 +243,8 @@ class Silent(ReadingEffect):
         (AlwaysThere, r"mine: force\(\) is \[.*\] where all parameters are zero: zero must mean"),
         (Silent, r"mine: reading\(\) is 0.0 where all parameters are zero: .* 1.0 there"),
         (WithoutScale, "mine: the prior scale of size_n is 0: give a scale above zero"),
+        (LossFactor, r"mine: matrices\(\): stiffness is complex; it must be real"),
+        (OfWhatIsNot, "mine: relatives names 'mas_error'; did you mean 'mass_error'"),
         (Bare, r"mine: matrices\(\) returns \w+: return a Matrices\(mass=...\) of rotorjax"),
         (Scalar, r"mine: matrices\(\) returns mass of shape \(\); its shape must be \(2, 2\)"),
     ],

@@ -134,6 +134,10 @@ def test_repeats_give_the_pure_error(tmp_path):
         (HEADER.replace("sigma_um", "run") + "\n" + BODY, "column 'run' appears 2 times"),
         ((HEADER + "\n" + BODY).encode("utf-16"), "UTF-16"),
         ((HEADER + "\n").encode() + b"\xe4,1500,X,1,1,0,0.3\n", "data.csv:2: not UTF-8"),
+        (
+            HEADER + "\n" + BODY.replace(".", ","),
+            "every row has more than the 7 cells of the header, as with decimal commas",
+        ),
         (b"PK\x03\x04\x00\x00binary", "not a text file"),
     ],
 )

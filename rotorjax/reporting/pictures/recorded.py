@@ -60,17 +60,13 @@ def recorded_pictures(rig: Rig, records: Records) -> list[tuple[str, bytes]]:
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
 
 
-def _largest(record: Record) -> float:
-    return max(float(np.max(np.abs(point.vectors))) for point in record.points)
-
-
 def _steady(rig: Rig, records: Records, pairs: Sequence[Pair]) -> Iterator[tuple[str, Figure]]:
     """Waveform, orbit and full spectrum."""
     rotor, angle = rig.model.rotor, np.asarray(rig.model.probes.angle)
     assert isinstance(rotor, Jeffcott)
     runs = list(dict.fromkeys(record.run for record in records.records if record.steady))
     for run in runs[:MOST_RUNS] if pairs else []:
-        record = max((r for r in records.records if r.run == run and r.steady), key=_largest)
+        record = max((r for r in records.records if r.run == run and r.steady), key=lambda r: r.largest)
         trace, pair = Trace.of(record), list(pairs[0])
         if len(trace.pulses) <= FEWEST_TURNS + 1:
             continue
@@ -79,14 +75,16 @@ def _steady(rig: Rig, records: Records, pairs: Sequence[Pair]) -> Iterator[tuple
         names = [record.probes[k] for k in pair]
         drawn, (left, middle, right) = plots.figure(12.5, 4.2, 1, 3)
         shown = (trace.time >= trace.pulses[0]) & (trace.time <= trace.pulses[min(SHOWN_TURNS, len(trace.pulses) - 1)])
-        plots.waveform(left, trace.time[shown], wave[shown], trace.pulses, probes=names)
+        vibration = wave[shown] - np.mean(wave[shown], axis=0)
+        plots.waveform(left, trace.time[shown], vibration, trace.pulses, probes=names)
         orbit = recorded_orbit(*trace._replace(displacement=wave), probe_angle_deg=degrees, spin=spin)
         plots.record_orbit(middle, orbit, probes=dict(zip(names, np.radians(degrees).tolist(), strict=True)))
         spectrum = full_spectrum(*trace._replace(displacement=wave), probe_angle_deg=degrees, spin=spin)
         plots.full_spectrum(right, spectrum)
         caption = (
-            f"{record.run}, {orbit.speed_rpm:.0f} rpm ({record.file}): displacement over the first revolutions; orbit, "
-            "x to the right and y up; full spectrum, forward circles to the right and backward ones to the left."
+            f"{record.run}, {orbit.speed_rpm:.0f} rpm ({record.file}): displacement over the first revolutions, less "
+            "its mean; orbit, x to the right and y up; full spectrum, forward circles to the right and backward ones "
+            "to the left."
         )
         yield caption, drawn
 
@@ -95,7 +93,7 @@ def _stacked(records: Records, probes: Sequence[str]) -> Iterator[tuple[str, Fig
     """Spectra of the run with the largest vibration one behind the other: over speed, and of a recording whose speed
     changes over time.
     """
-    run = max(records.records, key=_largest).run
+    run = max(records.records, key=lambda record: record.largest).run
     own = [record for record in records.records if record.run == run]
     found = {record.file: _spectra_of(Trace.of(record), record.steady) for record in own}
     for k, probe in enumerate(probes):
