@@ -163,7 +163,7 @@ def _vectors(sub: argparse.ArgumentParser) -> None:
     rate = "sampling rate, where the file has no time (default: that of the rig file)"
     sub.add_argument("--sample-rate", type=float, metavar="HZ", help=rate)
     sub.add_argument("--output", type=Path, required=True, metavar="DATA.csv", help="table to write")
-    what = "write waveforms, orbits, spectra and cascades, one file"
+    what = "write vectors over speed, waveforms, orbits, spectra and cascades, one file"
     sub.add_argument("--report", type=Path, metavar="FILE.html", help=what)
 
 

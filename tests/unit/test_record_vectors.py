@@ -212,10 +212,11 @@ def test_a_table_of_a_run_up_keeps_its_rate(rng, tmp_path):
 # Pictures
 
 
-def test_a_run_up_has_cascades_and_a_waterfall(rng, tmp_path):
+def test_a_run_up_has_vectors_over_speed_cascades_and_a_waterfall(rng, tmp_path):
     rig = run_up(rng, tmp_path, seconds=6.0, low=1500.0, high=3000.0)
     captions = [caption for caption, _ in recorded_pictures(rig, read_recordings(rig))]
     assert captions == [
+        "Amplitude and phase of 1X over speed, as the recordings give them.",
         "baseline, probe X: spectra, each raised to its speed; dashed: orders.",
         "baseline, probe Y: spectra, each raised to its speed; dashed: orders.",
         "baseline (up.csv): spectra, each raised to its time; dashed: orders.",

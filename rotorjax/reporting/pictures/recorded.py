@@ -20,6 +20,8 @@ MOST_RUNS = 6
 """Runs of which an orbit is shown."""
 SHOWN_TURNS = 4
 """Revolutions of a waveform."""
+FEWEST_SPEEDS = 4
+"""Of a run whose vectors are shown over speed."""
 SPECTRA = 30
 """Of a recording whose speed changes."""
 FEWEST_SPECTRA = 3
@@ -51,13 +53,34 @@ class Trace(NamedTuple):
 
 
 def recorded_pictures(rig: Rig, records: Records) -> list[tuple[str, bytes]]:
-    """Caption and SVG: of every run the steady recording with the largest vibration, then cascades and waterfalls of
-    the run with the largest vibration.
+    """Caption and SVG: 1X over speed, where there are some speeds; of every run the steady recording with the largest
+    vibration; then cascades and waterfalls of the run with the largest vibration.
     """
     probes = records.records[0].probes
     pairs = probe_pairs(rig.model, probes)
-    figures = [*_steady(rig, records, pairs), *_stacked(records, probes)]
+    lag = rig.convention.phase == "lag"
+    figures = [*_over_speed(records, probes, lag=lag), *_steady(rig, records, pairs), *_stacked(records, probes)]
     return [(caption, plots.svg(drawn)) for caption, drawn in figures]
+
+
+def _over_speed(records: Records, probes: Sequence[str], *, lag: bool) -> Iterator[tuple[str, Figure]]:
+    """1X of every probe over speed, of the runs with vectors at some speeds."""
+    points: dict[str, list[tuple[float, np.ndarray]]] = {}
+    for record in records.records:
+        first = record.orders.index(1.0) if 1.0 in record.orders else None
+        own = [] if first is None else [(point.speed_rpm, point.vectors[:, first]) for point in record.points]
+        points.setdefault(record.run, []).extend(own)
+    enough = [run for run, own in points.items() if len({speed for speed, _ in own}) >= FEWEST_SPEEDS][:MOST_RUNS]
+    if not enough:
+        return
+    drawn, axes = plots.figure(4.0 + 4.0 * len(probes), 5.0, 2, len(probes))
+    speeds, vectors = ({run: np.array([one[part] for one in points[run]]) for run in enough} for part in (0, 1))
+    for k, probe in enumerate(probes):
+        runs = {run: (speeds[run], vectors[run][:, k]) for run in enough}
+        plots.measured_bode(axes[k], axes[k + len(probes)], runs, what=f"{plots.plain(probe)} 1X", lag=lag)
+    if len(enough) > 1:
+        plots.legend_above(axes[0], most=3)
+    yield "Amplitude and phase of 1X over speed, as the recordings give them.", drawn
 
 
 def _steady(rig: Rig, records: Records, pairs: Sequence[Pair]) -> Iterator[tuple[str, Figure]]:

@@ -25,4 +25,5 @@ from rotorjax.reporting.plots.study import error_cloud as error_cloud
 from rotorjax.reporting.plots.study import grouped_bars as grouped_bars
 from rotorjax.reporting.plots.vectors import before_after as before_after
 from rotorjax.reporting.plots.vectors import bode as bode
+from rotorjax.reporting.plots.vectors import measured_bode as measured_bode
 from rotorjax.reporting.plots.vectors import polar as polar

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
@@ -67,6 +68,34 @@ def bode(
     logarithmic(amplitude)
     apart = " " if len(plain(probe)) <= SHORT_NAME else "\n"
     amplitude.set(ylabel=f"{plain(probe)}{apart}{order:g}X amplitude, µm (0-peak)")
+    phase.set(ylabel=f"phase {'lag' if lag else 'lead'}, degrees", xlabel="speed, rpm")
+    phase.yaxis.set_major_locator(MultipleLocator(90.0 if np.ptp(phase.get_ylim()) < 720.0 else 180.0))
+    return amplitude, phase
+
+
+def measured_bode(
+    amplitude: Axes,
+    phase: Axes,
+    runs: Mapping[str, tuple[Float[np.ndarray, "_"], Complex[np.ndarray, "_"]]],
+    *,
+    what: str,
+    lag: bool = False,
+) -> tuple[Axes, Axes]:
+    """Amplitude, logarithmic, and phase, without jumps, over speed as measured: one colour per run.
+
+    **Arguments:** ``runs``: speeds [rpm] and vectors [m] by run; ``what`` they are, such as "X 1X"; ``lag``: whether
+    phases are shown as lags.
+    """
+    for (colour, marker), (run, (speed, vectors)) in zip(distinct_styles(), runs.items(), strict=False):
+        order = np.argsort(speed, kind="stable")
+        style = {"color": colour, "marker": marker, "markersize": 3.5, "linewidth": 1.0, "label": plain(run)}
+        amplitude.plot(speed[order], np.abs(vectors[order]) / MICROMETRE, **style)
+        angle = np.degrees(np.unwrap(np.angle(vectors[order])))
+        phase.plot(speed[order], -angle if lag else angle, **style)
+    for axes in (amplitude, phase):
+        axes.grid(alpha=0.3)
+    logarithmic(amplitude)
+    amplitude.set(ylabel=f"{what} amplitude, µm (0-peak)")
     phase.set(ylabel=f"phase {'lag' if lag else 'lead'}, degrees", xlabel="speed, rpm")
     phase.yaxis.set_major_locator(MultipleLocator(90.0 if np.ptp(phase.get_ylim()) < 720.0 else 180.0))
     return amplitude, phase
