@@ -1,6 +1,7 @@
 """Scores as a page in Markdown with pictures, every miss listed."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import tabulate
 
 from scoring import (
     CERTAIN,
+    CONFIDENT,
     SEEN,
     Rate,
     Row,
@@ -31,6 +33,9 @@ from scoring import (
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+
+BANDS = (0.0, 0.9, 0.95, 0.98, 1.1)
+"""Of the probability of an answer."""
 
 
 def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> str:
@@ -58,7 +63,7 @@ def write_page(rows: Sequence[Row], folder: Path, about: Mapping[str, Any]) -> s
         f"## Scores\n\n{summary}\n\n{oracle} {explained}",
         f"## By improvement in chi-square\n\n{_by(by_decade(rows), 'improvement')}\n\n![by decade](decades.png)",
         f"## By effect, alone and seen\n\n{_by(by_effect(rows), 'effect')}\n\n![confusion](confusion.png)",
-        "## Calibration\n\n![reliability](reliability.png)",
+        f"## Calibration\n\n{_by_probability(rows)}\n\n![reliability](reliability.png)",
         f"## Confident and wrong\n\n{_cases([row for row in rows if is_confident_wrong(row)])}",
         f"## Other misses\n\n{_cases([r for r in rows if _missed(r)])}",
         f"## More probable than the answer, and not found\n\n{_cases(search_missed(rows))}",
@@ -109,6 +114,26 @@ def _numbers(rows: Sequence[Row]) -> str:
         if values:
             listed.append([f"{words}, median and worst", f"{np.median(values):,.0f}, {max(values):,.0f}", ""])
     return _table(listed, ["", "value", "goal"])
+
+
+def _by_probability(rows: Sequence[Row]) -> str:
+    """Of confident answers, by the probability that is stated, how many are wrong."""
+    refitted, lines = [*map(with_others_fitted, rows)], []
+    for low, high in pairwise(BANDS):
+        own = [
+            (row, beside)
+            for row, beside in zip(rows, refitted, strict=True)
+            if row["verdict"] in CONFIDENT and row["probability"] is not None and low <= row["probability"] < high
+        ]
+        wrong = [sum(is_confident_wrong(one[k]) for one in own) for k in (0, 1)]
+        lines.append([f"{low:g} to {min(high, 1.0):g}", str(len(own)), *map(str, wrong)])
+    heads = [
+        "probability stated",
+        "explained, or nothing missing",
+        "of these wrong",
+        "seen with all others fitted anew",
+    ]
+    return _table(lines, heads)
 
 
 def _by(parts: Sequence[tuple[str, Rate, Rate]], what: str) -> str:

@@ -7,6 +7,7 @@ with shafts of finite elements, which all have from 4900 on.
     python experiments/campaign.py --first 1200 --seeds 200 --output output/campaign
     python experiments/campaign.py --first 1200 --seeds 200 --write output/cases        # files for another tool
     python experiments/campaign.py --score answers.csv --truth output/cases-answers.jsonl --output output/other
+    python experiments/campaign.py --score benchmarks/results/campaign_[23]*/rows.jsonl --output benchmarks/results/all
 """
 
 import argparse
@@ -109,9 +110,8 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=processors(), help="processes at one time (%(default)s)")
     parser.add_argument("--output", type=Path, help="folder for rows, scores and pictures")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the cases as rig files and tables, no more")
-    parser.add_argument(
-        "--score", type=Path, metavar="ANSWERS.csv", help=f"score the answers of another tool, or {ROWS}"
-    )
+    what = f"score the answers of another tool, or {ROWS} of records, together"
+    parser.add_argument("--score", type=Path, nargs="+", metavar="ANSWERS.csv", help=what)
     parser.add_argument("--truth", type=Path, help="with --score: what is true, as --write leaves it beside its folder")
     return parser.parse_args()
 
@@ -126,9 +126,13 @@ def main() -> None:
         sys.exit("--output FOLDER is needed")
     options.output.mkdir(parents=True, exist_ok=True)
     if options.score:
-        kept = options.score.suffix == ".jsonl"
-        rows = read_rows(options.score) if kept else read_answers(options.score, options.truth)
-        print(write_page(rows, options.output, {"answers": options.score.name, **about(rows)}))
+        rows = [
+            row
+            for file in sorted(options.score)
+            for row in (read_rows(file) if file.suffix == ".jsonl" else read_answers(file, options.truth))
+        ]
+        names = ", ".join(file.name if len(options.score) == 1 else file.parent.name for file in sorted(options.score))
+        print(write_page(rows, options.output, {"answers": names, **about(rows)}))
         return
     if seeds.start < FINITE_ELEMENTS < seeds.stop:
         sys.exit(f"seeds from {FINITE_ELEMENTS} on are of other rotors: give those below in a run of their own")

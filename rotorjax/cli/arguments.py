@@ -67,6 +67,7 @@ def parse_mistake(texts: list[str], model: "Model", measurement: "Measurement") 
     ``runs_exchanged.A.B``, or as ``runs_exchanged:A=trial-a,B=trial-b``, whatever stands before the equals signs.
     """
     from rotorjax.data.declarations import KINDS, mistakes
+    from rotorjax.data.odd_runs import every_odd_run
     from rotorjax.data.section import nearest
 
     found, others = [], []
@@ -77,7 +78,8 @@ def parse_mistake(texts: list[str], model: "Model", measurement: "Measurement") 
             continue
         name, _, about = text.partition(":")
         wanted = ".".join([name, *(part.partition("=")[2] for part in filter(None, about.split(",")))])
-        known = {mistake.name: mistake for mistake in mistakes(model, measurement, [kind])}
+        every = [*mistakes(model, measurement, [kind]), *every_odd_run(model, measurement, [kind])]
+        known = {mistake.name: mistake for mistake in every}
         # What is exchanged may be named in either order.
         backwards = {".".join((kind, *reversed(mistake.about))): mistake for mistake in known.values()}
         mistake = (backwards | known).get(wanted)

@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import PEAK, Amplitude, Measurement, peak_of
+from rotorjax.data.measurement import PEAK, Amplitude, Measurement, Uncertain, peak_of
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.units import MILLIMETRE, RPM
@@ -39,6 +39,10 @@ KINDS = (
     "trial_weight_opposite",
     "weights_unit",
     "slow_roll_subtracted",
+    "run_unbalance",
+    "run_phase",
+    "run_amplitude",
+    "run_speed",
 )
 """All kinds of changes, by name."""
 OF_WEIGHT = ("weight_absent", "weight_direction")
@@ -73,6 +77,8 @@ class Mistake(NamedTuple):
     """Model and measurement as they are if it was made; what is compiled serves both. It can be pickled."""
     in_mirror: bool = False
     """Whether that model is the rotor seen in a mirror, its rotation reversed."""
+    uncertain: tuple[Uncertain, ...] = ()
+    """Values of one run that are fitted along with it (`rotorjax.effects.of_one_run`); none once they are settled."""
 
     @property
     def name(self) -> str:
@@ -152,12 +158,12 @@ def promising(model: Model, measurement: Measurement, every: list[Mistake]) -> l
     about_runs = [mistake for mistake in every if mistake.kind in OF_RUNS]
     if len(measurement.runs) < FEW_RUNS or len(about_runs) <= MOST_ABOUT_RUNS:
         return every
-    left = {mistake.name: _beside_influence(mistake.corrected(model, measurement)[1]) for mistake in about_runs}
+    left = {mistake.name: beside_influence(mistake.corrected(model, measurement)[1]) for mistake in about_runs}
     kept = set(sorted(left, key=lambda name: left[name])[:MOST_ABOUT_RUNS])
     return [mistake for mistake in every if mistake.name not in left or mistake.name in kept]
 
 
-def _beside_influence(m: Measurement) -> float:
+def beside_influence(m: Measurement) -> float:
     """Squares that influence coefficients leave of the vectors, in those of the noise."""
     installed = np.concatenate([np.asarray(m.conditions.unbalance), np.asarray(m.conditions.bow)[:, None]], axis=1)
     design = np.concatenate([np.ones((len(m.run), 1)), installed[..., 0] + 1j * installed[..., 1]], axis=1)

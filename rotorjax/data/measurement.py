@@ -134,6 +134,8 @@ class Measurement(Shown):
     knowledge: Knowledge = Knowledge()
     notes: tuple[str, ...] = ()
     """What in the rig file or in the table looks like a mistake, one line each."""
+    odd_run: int | None = None
+    """Index of the run in which something may be other than stated: see `rotorjax.effects.of_one_run`."""
 
     @classmethod
     def from_arrays(  # noqa: PLR0913

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.declarations import Mistake
+from rotorjax.data.odd_runs import is_same_run
 from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.odd_run import with_values
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import Scored, race, score
 from rotorjax.discovery.rivals import TIE
@@ -49,9 +51,23 @@ class Answer(NamedTuple):
         own = own._replace(prior=own.prior + log_odds)
         return cls(mistake, selection, log_odds, own, noise.allowance, cut_off)
 
+    def with_values(self) -> "Answer":
+        """With the values of what is other in one run, if that is the mistake."""
+        if self.mistake is None:
+            return self
+        contender = self.selection.known[self.selection.present]
+        return self._replace(mistake=with_values(self.mistake, self.selection.contest, contender))
+
     def lead(self, other: "Answer") -> float:
         """Log odds against another answer."""
         return self.scored.lead(other.scored)
+
+    def is_alike(self, other: "Answer") -> bool:
+        """Whether another is about the same run, with the same effects beside, and the data are as likely with it."""
+        if self.mistake is None or other.mistake is None or not is_same_run(self.mistake, other.mistake):
+            return False
+        alike = other.selection.present == self.selection.present
+        return alike and other.scored.likelihood > self.scored.likelihood - TIE
 
     def finished(self, most: int, progress: Progress) -> "Answer":
         """Its search to the end, with ``most`` effects at most."""
@@ -104,8 +120,8 @@ class MistakeRace(NamedTuple):
 
     @property
     def tied(self) -> tuple[Answer, ...]:
-        """Those within 3 log units of it."""
-        return tuple(other for other in self.ranked[1:] if self.best.lead(other) < TIE)
+        """Those within 3 log units of it, and those about the same run with which the data are as likely."""
+        return tuple(other for other in self.ranked[1:] if self.best.lead(other) < TIE or self.best.is_alike(other))
 
 
 def misses(own: Answer) -> bool:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Complex, Float
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.effects import CATALOG
+from rotorjax.effects.of_one_run import RUN_EFFECTS
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.covariance import anything_random
 from rotorjax.inference.data import Data, make_data, residual_vectors
@@ -217,6 +218,7 @@ def make_contest(
     """
     uncertain = {u.effect for u in measurement.knowledge.uncertain}
     classes = {name: CATALOG[name] for name in uncertain if name in CATALOG} | dict(catalog)
+    classes |= {cls.name: cls for cls in RUN_EFFECTS.values() if cls.like in classes}
     full = model.with_orders(measurement.orders).with_null_effects(classes.values())
     space = make_space(full, measurement.knowledge)
     possible = tuple(

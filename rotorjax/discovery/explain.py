@@ -30,6 +30,7 @@ from rotorjax.discovery.search import Selection, begin, change_by, noise_size, s
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
+from rotorjax.effects.of_one_run import RUN_EFFECTS
 from rotorjax.inference.ahead import make_programs_ahead
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
@@ -96,6 +97,7 @@ def explain(  # noqa: PLR0913
         make_programs_ahead(contest.space, kept)
     stated = _as_stated(contest, full)
     written = race_of_mistakes(contest, kinds, max_effects, catalog, progress, always=mistakes is True)
+    written = written._replace(ranked=tuple(answer.with_values() for answer in written.ranked))
     right, selection = _as_done(full, written.best, candidates, catalog, progress)
     return _answer(right, stated, written, selection, undriven, catalog, thorough, progress)
 
@@ -125,13 +127,14 @@ def _as_done(
     selection, mistake = answer.selection, answer.mistake
     if mistake is None:
         return model, selection
-    if not mistake.in_mirror:
-        return mistake.corrected(model, selection.contest.measurement)[0], selection
-    # Searched in a mirror: now the rotor itself.
-    model = reversed_rotation(model)
     contest = selection.contest
-    own = make_contest(model, contest.measurement, candidates, catalog, contest.budget)
-    begun, linear = begin(own, progress=progress), None if contest.measurement.sigma is None else as_stated(own)
+    right, measurement = mistake.corrected(model, contest.measurement)
+    if not mistake.in_mirror and mistake.kind not in RUN_EFFECTS:
+        return right, selection
+    # Searched in a mirror, or with values fitted along: now the rotor itself, and with what they came to.
+    model = reversed_rotation(model) if mistake.in_mirror else right
+    own = make_contest(model, measurement, candidates, catalog, contest.budget)
+    begun, linear = begin(own, progress=progress), None if measurement.sigma is None else as_stated(own)
     if linear is not None and linear.may_hold:
         begun = with_set(begun, selection.most, {linear.beside: linear.end})
     return model, select(begun, selection.most, progress=progress)

@@ -18,6 +18,7 @@ from rotorjax.discovery.probable import Probable, probable
 from rotorjax.discovery.ranking import Ranked, may_be_missing, showing
 from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties
+from rotorjax.effects.of_one_run import RUN_EFFECTS
 from rotorjax.inference.faults import fault_sensitivity, installed_faults
 from rotorjax.inference.noise import Noise, reduced_chi2
 from rotorjax.model.contract import Effect
@@ -147,9 +148,8 @@ class Explanation(Reported):
     @property
     def restricted(self) -> bool:
         """Whether some effects of the catalogue were not allowed to be missing."""
-        given = {e.name for e in self.story.model.effects} | {
-            e.effect for e in self.contest.space.entries if e.declared_uncertain
-        }
+        uncertain = {e.effect for e in self.contest.space.entries if e.declared_uncertain}
+        given = {e.name for e in self.story.model.effects} | uncertain | RUN_EFFECTS.keys()
         return bool({e.effect for e in self.contest.space.entries} - given - set(self.contest.candidates))
 
     def bow_over_unbalance(self) -> dict[float, float]:

@@ -14,11 +14,12 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
+from rotorjax.data.odd_runs import as_another_weight
 from rotorjax.data.pairing import paired
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
-from rotorjax.effects.reading import ChainGain
+from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
@@ -33,6 +34,7 @@ from rotorjax.inference.estimates import (
     robust_covariance,
 )
 from rotorjax.inference.noise import (
+    LARGE,
     NO_SCATTER,
     Noise,
     RunScatter,
@@ -49,6 +51,11 @@ from rotorjax.units import MICROMETRE
 
 GAIN_OF_A_CHAIN = 0.1
 """Largest error of a gain that scale factors may have beside another unit of amplitude."""
+OF_THE_CHAIN = frozenset({ChainGain.name, PhaseReferenceOffset.name})
+"""Effects that change all that is read alike."""
+RUNS_DIFFER = (
+    "the runs differ from one another by {} % of what was measured: check their weights, phase reference and amplitudes"
+)
 NO_UNIT = (
     "readings are off by a factor that is not that of a unit: installed weights that are off by it would do the same "
     "(their mass for g mm?), and the correction with them"
@@ -124,6 +131,13 @@ class Fit(Shown):
         spoken = tuple(f"{name} {words}" for name, words in said if words is not None)
         if mistake is not None and mistake.of_amplitudes and any(_is_far_from_one(e) for e in own):
             spoken = (*spoken, NO_UNIT)
+        chain = any(e.name in OF_THE_CHAIN for e in own) or (mistake is not None and mistake.of_amplitudes)
+        if chain and (words := as_another_weight(self.model, self.stage.measurement)):
+            spoken = (*spoken, words)
+        left = self.stage.measurement.rms_of(self.predicted)
+        if self.scatter is not None and left > LARGE * self.stage.measurement.rms:
+            share = 100.0 * left / self.stage.measurement.rms
+            spoken = (*spoken, RUNS_DIFFER.format(f"{share:.0f}"))
         return spoken if self.end.exact else (*spoken, NOT_STEADY)
 
     def _unstable(self, name: str) -> str | None:

@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping
 from typing import get_args
 
 from rotorjax.data.declarations import log_odds, mistakes, promising
+from rotorjax.data.odd_runs import odd_runs
 from rotorjax.discovery.answers import (
     Answer,
     Doubts,
@@ -91,6 +92,8 @@ def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
     """Of some kinds, as far as the data do not rule them out."""
     model, measurement = contest.space.model, contest.measurement
     every = mistakes(model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
+    if every:
+        every += [one for one in odd_runs(model, measurement, kinds) if one.kind in model]
     if not every:
         return []
     odds = log_odds(every, 1.0 / len(get_args(Family)))

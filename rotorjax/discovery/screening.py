@@ -52,11 +52,16 @@ class Change(NamedTuple):
         """Whether it changes the weight of the rotor."""
         return self.mistake is not None and self.mistake.kind in OF_WEIGHT
 
+    @property
+    def of_one_run(self) -> bool:
+        """Whether it has values of its own, in one run."""
+        return self.mistake is not None and bool(self.mistake.uncertain)
+
     @classmethod
     def of(cls, contest: Contest, mistake: Mistake, odds: float) -> "Change":
         """With the model and the measurement as the change has them."""
         model, measurement = mistake.corrected(contest.space.model, contest.measurement)
-        space = dataclasses.replace(contest.space, model=model)
+        space = dataclasses.replace(contest.space, model=model).with_uncertain(mistake.uncertain)
         return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
 
     def near(self, own: Contender) -> list[Start]:
@@ -344,7 +349,7 @@ def _feels(change: Change, level: Screened) -> bool:
     what they show.
     """
     contest, stated = change.contest, level.change.contest
-    if contest.measurement.vectors is not stated.measurement.vectors:
+    if contest.measurement.vectors is not stated.measurement.vectors or change.of_one_run:
         return True
     shown = predict(contest.space, contest.measurement.conditions, level.end.point, budget=contest.budget).shown
     return not np.allclose(shown, level.end.shown, rtol=SAME, atol=0.0, equal_nan=True)

@@ -14,6 +14,7 @@ from rotorjax.data.pairing import paired
 from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit_steps
+from rotorjax.discovery.odd_run import fitted_in_one_run
 from rotorjax.discovery.rivals import Rival, rivals
 from rotorjax.effects.structure import DampingError
 from rotorjax.model.contract import AbstractRotor, Effect
@@ -144,6 +145,7 @@ def tell(
         return Story(model, measurement, compare(model, measurement), names, (), (), ())
     stated = None if mistake is None else compare(model, measurement)
     if mistake is not None:
+        mistake = fitted_in_one_run(mistake, model, measurement, names)
         model, measurement = mistake.put_right(model, measurement)
     undriven = undriven_orders(model.plus(additions), measurement) if additions else ()
     measurement = without_orders(measurement, undriven)

@@ -7,6 +7,7 @@ first.
 import functools
 
 from rotorjax.data.measurement import Measurement
+from rotorjax.effects.of_one_run import RUN_EFFECTS
 from rotorjax.inference.force_balance import ForceBalance
 from rotorjax.inference.kernels import kernels_of
 from rotorjax.inference.linear_rotor import LinearRotor
@@ -19,7 +20,7 @@ def make_programs_ahead(space: Space, measurement: Measurement) -> None:
     """In the order in which they are needed, unless this process made an explanation like this before; nothing waits
     for them here.
     """
-    kernels, model = kernels_of(space), space.model
+    kernels, model = kernels_of(space), space.model.without(*RUN_EFFECTS)
     if kernels.warm:
         return
     conditions = measurement.conditions

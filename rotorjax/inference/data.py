@@ -31,6 +31,8 @@ class Data(NamedTuple):
     run: Int[np.ndarray, "case"]
     common: Float[np.ndarray, "case cell common"]
     """What the errors of several vectors have in common: see `rotorjax.inference.covariance`."""
+    odd: Bool[np.ndarray, "case"]
+    """Whether a case is of the run in which something may be other than stated."""
 
 
 def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
@@ -46,6 +48,7 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
         numpy_pair(measurement.vectors), weight,
         np.array([is_half_order(order) for order in measurement.orders]), measurement.run,
         common_errors(measurement, model, noise),
+        np.zeros(len(measurement.run), bool) if measurement.odd_run is None else measurement.run == measurement.odd_run,
     )  # fmt: skip
 
 

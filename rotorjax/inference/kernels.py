@@ -15,6 +15,7 @@ from jaxtyping import Complex, Float, Int
 
 from rotorjax.arrays import numpy_pair
 from rotorjax.effects import CATALOG
+from rotorjax.effects.of_one_run import OfOneRun
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference import linear_kernels
 from rotorjax.inference.coefficients import add_dynamic, answer, as_coefficients
@@ -47,7 +48,7 @@ class Rows(NamedTuple):
 
     unknowns: Float[np.ndarray, "row param"]
     columns: Int[np.ndarray, "row column"]
-    """Unknowns by which slopes are wanted; -1, at the end, for none."""
+    """Unknowns by which slopes are wanted; -1 for none."""
     speed: Float[np.ndarray, "row"]
     unbalance: Float[np.ndarray, "row plane dof"]
     bow: Float[np.ndarray, "row dof"]
@@ -75,7 +76,7 @@ class Rows(NamedTuple):
     @property
     def wanted(self) -> slice:
         """Columns in which any row has an unknown: as many as slopes are given by."""
-        return slice(int(np.count_nonzero(self.columns >= 0, axis=1).max(initial=0)))
+        return slice(int(np.max(np.flatnonzero(np.any(self.columns >= 0, axis=0)), initial=-1)) + 1)
 
 
 class Reading(NamedTuple):
@@ -284,13 +285,13 @@ def kernels_of(space: Space) -> Kernels:
 
 
 def _is_linear(effect: Effect) -> bool:
-    return not isinstance(effect, RestoringEffect | WaveformEffect)
+    return not isinstance(effect, RestoringEffect | WaveformEffect | OfOneRun)
 
 
 def _is_force_only(effect: Effect) -> bool:
-    """Whether all that it does is a nonlinear force: a class may be of several kinds."""
+    """Whether all that it does is a nonlinear force, or done by another effect: a class may be of several kinds."""
     more = SpeedEffect | SweepEffect | SupportEffect | MatrixEffect | ExcitationEffect | ReadingEffect | WaveformEffect
-    return isinstance(effect, RestoringEffect) and not isinstance(effect, more)
+    return isinstance(effect, RestoringEffect | OfOneRun) and not isinstance(effect, more)
 
 
 def _null_effects(effects: Iterable[Effect]) -> list[type[Effect]]:

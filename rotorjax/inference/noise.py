@@ -1,5 +1,6 @@
 """How large a residual the measurement allows: standard errors, the model's tolerance, scatter between runs."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
@@ -65,21 +66,28 @@ def run_floor(measurement: Measurement, model: Model, residual: Complex[np.ndarr
     τ_s and a maximise the restricted likelihood (Patterson, Thompson 1971, Biometrika 58:545-554), by the simplex of
     Nelder and Mead (1965); each is believed only where it gains a log likelihood of 2, unbalance before bow.
 
+    Where nothing scatters without one of the runs, that one is other than stated, and no scatter is inferred.
+
     **Arguments:** ``residual`` measured minus predicted by some ``model`` [m], which takes out most of what depends on
     small differences in speed. **Returns** no noise where nothing can be inferred (`scatter_wanted`).
     """
     if not scatter_wanted(measurement):
         return NO_NOISE
-    rows = _beyond_influence(measurement, fault_sensitivity(model, measurement.conditions), residual)
-    if not np.any(rows.error):
-        return NO_NOISE
-    best = rows.most_likely(())
-    for which in ((0,), (1,), (0, 1)):
-        more = rows.most_likely(which)
-        if more[0] > best[0] + LEAST_GAIN:
-            best = more
-    misfit = best[1] if best[0] > rows.value(0.0, best[2]) + LEAST_GAIN else 0.0
-    return Noise(misfit, RunScatter(*(float(d) for d in best[2])))
+    slopes = fault_sensitivity(model, measurement.conditions)
+    found = _beyond_influence(measurement, slopes, residual).noise()
+    return NO_NOISE if found.scatter != NO_SCATTER and _is_of_one_run(measurement, slopes, residual) else found
+
+
+def _is_of_one_run(
+    measurement: Measurement, slopes: Float[np.ndarray, "case probe order 2 4"], residual: np.ndarray
+) -> bool:
+    """Whether nothing scatters in all runs but one: then that one is other than stated."""
+    for run in range(len(measurement.runs)):
+        others = measurement.present & (measurement.run != run)[:, None, None]
+        rows = _beyond_influence(dataclasses.replace(measurement, present=others), slopes, residual)
+        if len(rows.error) and rows.noise().scatter == NO_SCATTER:
+            return True
+    return False
 
 
 class _Rows(NamedTuple):
@@ -89,6 +97,18 @@ class _Rows(NamedTuple):
     slopes: Float[np.ndarray, "cell latent"]
     """Latents run by run: U_x, U_y, s_x, s_y."""
     variance: Float[np.ndarray, "cell"]
+
+    def noise(self) -> Noise:
+        """The most likely noise beside that of the table, as far as it is believed."""
+        if not np.any(self.error):
+            return NO_NOISE
+        best = self.most_likely(())
+        for which in ((0,), (1,), (0, 1)):
+            more = self.most_likely(which)
+            if more[0] > best[0] + LEAST_GAIN:
+                best = more
+        misfit = best[1] if best[0] > self.value(0.0, best[2]) + LEAST_GAIN else 0.0
+        return Noise(misfit, RunScatter(*(float(d) for d in best[2])))
 
     def value(self, allowance: float, deviation: Float[np.ndarray, "2"]) -> float:
         """Restricted log likelihood."""

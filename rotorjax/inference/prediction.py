@@ -43,6 +43,7 @@ def conditions_data(conditions: Conditions, probes: int, orders: int) -> Data:
         np.zeros(orders, bool),
         run,
         np.zeros((len(speed), probes * orders * 2, 0)),
+        np.zeros(len(speed), bool),
     )
 
 

@@ -17,12 +17,39 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import Knowledge
+from rotorjax.data.measurement import Knowledge, Uncertain
+from rotorjax.effects.of_one_run import OfOneRun
 from rotorjax.model.contract import Effect, RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model
 from rotorjax.units import Unit, unit_of
 
 Result = TypeVar("Result")
+
+
+class InOneRun(NamedTuple):
+    """Unknowns that count in one run only (`rotorjax.effects.of_one_run`), as changes of those of the effects that they
+    add to.
+    """
+
+    own: Int[np.ndarray, "few"]
+    changed: Int[np.ndarray, "few"]
+    share: Float[np.ndarray, "param"]
+    """What one unit of an unknown is in units of the one that it changes; one for all others."""
+
+    def as_changes(
+        self,
+        unknowns: Float[np.ndarray, "row param"],
+        wanted: Int[np.ndarray, "row column"],
+        odd: Bool[np.ndarray, "row"],
+    ) -> tuple[Float[np.ndarray, "row param"], Int[np.ndarray, "row column"]]:
+        """Unknowns of every row with what is added in the rows of that run, and by which unknowns slopes are then
+        wanted; -1 for none.
+        """
+        there = unknowns.copy()
+        there[:, self.changed] += np.where(odd[:, None], self.share[self.own] * unknowns[:, self.own], 0.0)
+        place = np.append(np.arange(unknowns.shape[1]), -1)
+        place[self.own] = self.changed
+        return there, np.where(np.isin(wanted, self.own) & ~odd[:, None], -1, place[wanted])
 
 
 class Entry(NamedTuple):
@@ -99,14 +126,16 @@ class Space:
 
     def model_at(self, unknowns: Float[np.ndarray, "param"]) -> Model:
         """`at` for known numbers, outside compiled code; without forces depending on motion, and a sweep, that are at
-        their null.
+        their null, and without what is in one run only.
         """
         values, first = self.values(unknowns), 0
         kept: list[Any] = []
         numbers: list[list[np.ndarray]] = []
-        for structure, shapes, costly in _effects_of(self):
+        for structure, shapes, costly, in_all_runs in _effects_of(self):
             ends = np.cumsum([first, *(math.prod(shape) for shape in shapes)])
             first = int(ends[-1])
+            if not in_all_runs:
+                continue
             if not costly or values[ends[0] : first].any():
                 kept.append(structure)
                 spans = zip(pairwise(ends), shapes, strict=True)
@@ -114,6 +143,25 @@ class Space:
         parts = jax.device_put(numbers)
         effects = tuple(jax.tree.unflatten(structure, leaves) for structure, leaves in zip(kept, parts, strict=True))
         return dataclasses.replace(self.model, effects=effects)
+
+    def in_one_run(self) -> InOneRun:
+        """Unknowns that count in one run only."""
+        return _in_one_run(self)
+
+    def with_uncertain(self, uncertain: Iterable[Uncertain]) -> "Space":
+        """The same with further values declared uncertain, which then are fitted in every comparison."""
+        known = {f"{u.effect}.{u.label}": u.deviation for u in uncertain}
+        own = np.array([entry.key in known for entry in self.entries])
+        entries = tuple(
+            e._replace(declared_uncertain=True, scale=known[e.key]) if e.key in known else e for e in self.entries
+        )
+        return dataclasses.replace(
+            self,
+            entries=entries,
+            scale=as_array(np.array([e.scale for e in entries], dtype=float)),
+            open_size=as_array(np.where(own, -1, np.asarray(self.open_size))),
+            strength=as_array(np.where(own, -1, np.asarray(self.strength))),
+        )
 
     def given_unknowns(self) -> Float[np.ndarray, "param"]:
         """Unknowns at which the entries have the values that the model came with."""
@@ -191,15 +239,26 @@ def _given_unknowns(space: Space) -> Float[np.ndarray, "param"]:
 
 
 @once_for_each
-def _effects_of(space: Space) -> list[tuple[Any, list[tuple[int, ...]], bool]]:
-    """Of every effect its structure, the shapes of its parameters, and whether it is left out where it is at its
-    null.
+def _in_one_run(space: Space) -> InOneRun:
+    place = {(e.effect, e.label): e for e in space.entries}
+    like = {e.name: e.like for e in space.model.effects if isinstance(e, OfOneRun)}
+    pairs = [(e, place[like[e.effect], e.label]) for e in space.entries if e.effect in like]
+    share = np.ones(len(space.entries))
+    share[[own.unknown for own, _ in pairs]] = [own.scale / changed.scale for own, changed in pairs]
+    own, changed = (np.array([pair[k].unknown for pair in pairs], dtype=int) for k in (0, 1))
+    return InOneRun(own, changed, share)
+
+
+@once_for_each
+def _effects_of(space: Space) -> list[tuple[Any, list[tuple[int, ...]], bool, bool]]:
+    """Of every effect its structure, the shapes of its parameters, whether it is left out where it is at its null, and
+    whether it is in all runs.
     """
     found = []
     for effect in space.model.effects:
         leaves, structure = jax.tree.flatten(effect)
         costly = isinstance(effect, RestoringEffect | WaveformEffect | SweepEffect)
-        found.append((structure, [leaf.shape for leaf in leaves], costly))
+        found.append((structure, [leaf.shape for leaf in leaves], costly, not isinstance(effect, OfOneRun)))
     return found
 
 

@@ -21,6 +21,8 @@ class States(NamedTuple):
     sweep: Float[np.ndarray, "state"]
     rolling: Int[np.ndarray, "case"] | None
     """Of every case the state at slow roll that its vectors are less, if any."""
+    odd: Bool[np.ndarray, "state"]
+    """As in `Data`."""
 
     @classmethod
     def of(cls, conditions: Conditions | Data, slow_roll: float | None) -> "States":
@@ -28,10 +30,11 @@ class States(NamedTuple):
         speed, unbalance, bow = (
             np.asarray(values) for values in (conditions.speed, conditions.unbalance, conditions.bow)
         )
-        sweep = conditions.sweeps if isinstance(conditions, Conditions) else conditions.sweep
+        given = isinstance(conditions, Conditions)
+        sweep, odd = (conditions.sweeps, np.zeros(len(speed), bool)) if given else (conditions.sweep, conditions.odd)
         if slow_roll is None:
-            return cls(speed, unbalance, bow, sweep, None)
-        installed = np.concatenate([unbalance.reshape(len(speed), -1), bow], axis=1)
+            return cls(speed, unbalance, bow, sweep, None, odd)
+        installed = np.concatenate([unbalance.reshape(len(speed), -1), bow, odd[:, None]], axis=1)
         _, first, which = np.unique(installed, axis=0, return_index=True, return_inverse=True)
         slow = np.full(len(first), slow_roll)
         rolling = len(speed) + which.reshape(-1)
@@ -41,6 +44,7 @@ class States(NamedTuple):
             np.concatenate([bow, bow[first]]),
             np.concatenate([sweep, np.zeros(len(first))]),
             rolling,
+            np.concatenate([odd, odd[first]]),
         )
 
     def seen_in(self, cases: Int[np.ndarray, "near"]) -> Int[np.ndarray, "one"]:

@@ -233,12 +233,16 @@ def left_line(found: Explanation) -> str:
 
 def tie_lines(found: Explanation) -> list[str]:
     """What these data cannot tell apart."""
-    return [
+    lines = [
         f"These data cannot tell {said(names[0])} from {_others(names[1:])}."
         if names[0]
         else _within_tolerance(names[1])
         for names in found.tied_groups()
     ]
+    if found.verdict != "undecided":
+        return lines
+    every = dict.fromkeys(one.mistake for one in (found.written.best, *found.written.tied) if one.mistake is not None)
+    return [*lines, *(f"{opening(plain_name(one.name))} means: {one.meaning} ({one.cure})." for one in every)]
 
 
 def _within_tolerance(names: list[str]) -> str:
