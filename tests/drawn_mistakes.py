@@ -16,6 +16,9 @@ MIL = 25.4
 MORE_KINDS = 31600
 """Seed from which on rms amplitudes, and weights stated of a run without any, are among the mistakes."""
 
+OF_ONE_RUN = 32100
+"""The same for what is other in one of three runs or more."""
+
 Mistake = Callable[[Hidden], Hidden]
 
 
@@ -26,6 +29,8 @@ def draw_with_mistake(seed: int) -> tuple[Hidden, str | None]:
         return hidden, None
     possible = _possible(hidden) | (_more(hidden) if seed >= MORE_KINDS else {})
     rng = np.random.default_rng([2611, seed])
+    if seed >= OF_ONE_RUN and len(hidden.measurement.runs) >= 3:
+        possible |= _of_one_run(hidden, rng)
     kinds = sorted({name.split(".")[0] for name in possible})
     kind = str(rng.choice(kinds))
     name = str(rng.choice(sorted(name for name in possible if name.split(".")[0] == kind)))
@@ -83,13 +88,36 @@ def _more(hidden: Hidden) -> dict[str, Mistake]:
     return found
 
 
+def _of_one_run(hidden: Hidden, rng: np.random.Generator) -> dict[str, Mistake]:
+    """In one run a weight of another size at another angle, another phase reference, amplitudes of another kind, or
+    speeds that are off.
+    """
+    m, found = hidden.measurement, dict[str, Mistake]()
+    unbalance, orders = np.asarray(m.conditions.unbalance), np.array(m.orders)
+    size, turn = np.exp(rng.uniform(-0.7, 0.7)), rng.uniform(0.3, 2.5)
+    turned = size * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    phase, factor, ratio = rng.uniform(0.2, 2.0), float(rng.choice([0.5, 2.0])), 1.0 + rng.uniform(0.01, 0.05)
+    for k, run in enumerate(m.runs):
+        own = m.run == k
+        if np.any(unbalance[own]):
+            declared = np.where(own[:, None, None], unbalance @ turned.T, unbalance)
+            found[f"run_unbalance.{run}"] = lambda h, declared=declared: _installed(h, declared)
+        later = np.where(own[:, None], np.exp(1j * phase * orders), 1.0)[:, None, :]
+        found[f"run_phase.{run}"] = lambda h, later=later: _vectors(h, lambda v: v * later)
+        larger = np.where(own, factor, 1.0)[:, None, None]
+        found[f"run_amplitude.{run}"] = lambda h, larger=larger: _scaled(h, larger)
+        speed = np.asarray(m.conditions.speed) * np.where(own, ratio, 1.0)
+        found[f"run_speed.{run}"] = lambda h, speed=speed: _at_speeds(h, speed)
+    return found
+
+
 def _vectors(hidden: Hidden, change: Callable[[np.ndarray], np.ndarray]) -> Hidden:
     m = hidden.measurement
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, vectors=change(m.vectors)))
 
 
-def _scaled(hidden: Hidden, factor: float, *, of_mean: float | None = None) -> Hidden:
-    """Numbers of the table times a factor, at order 0 times another: the rms value of a constant is the constant."""
+def _scaled(hidden: Hidden, factor: float | np.ndarray, *, of_mean: float | None = None) -> Hidden:
+    """Numbers of the table times a factor, by case if need be, at order 0 times another: the rms value of a constant is the constant."""
     m = hidden.measurement
     factors = np.where(np.array(m.orders) == 0.0, factor if of_mean is None else of_mean, factor)
     sigma = None if m.sigma is None else m.sigma * factors
@@ -105,6 +133,12 @@ def _said(hidden: Hidden, amplitude: str) -> Hidden:
 def _installed(hidden: Hidden, unbalance: np.ndarray) -> Hidden:
     m = hidden.measurement
     conditions = Conditions.at(np.asarray(m.conditions.speed), unbalance=unbalance)
+    return dataclasses.replace(hidden, measurement=dataclasses.replace(m, conditions=conditions))
+
+
+def _at_speeds(hidden: Hidden, speed: np.ndarray) -> Hidden:
+    m = hidden.measurement
+    conditions = Conditions.at(speed, unbalance=np.asarray(m.conditions.unbalance), bow=np.asarray(m.conditions.bow))
     return dataclasses.replace(hidden, measurement=dataclasses.replace(m, conditions=conditions))
 
 
