@@ -117,7 +117,9 @@ def _vectors(hidden: Hidden, change: Callable[[np.ndarray], np.ndarray]) -> Hidd
 
 
 def _scaled(hidden: Hidden, factor: float | np.ndarray, *, of_mean: float | None = None) -> Hidden:
-    """Numbers of the table times a factor, by case if need be, at order 0 times another: the rms value of a constant is the constant."""
+    """Numbers of the table times a factor, by case if need be, at order 0 times another: the rms value of a constant is
+    the constant.
+    """
     m = hidden.measurement
     factors = np.where(np.array(m.orders) == 0.0, factor if of_mean is None else of_mean, factor)
     sigma = None if m.sigma is None else m.sigma * factors

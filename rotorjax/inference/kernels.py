@@ -48,7 +48,7 @@ class Rows(NamedTuple):
 
     unknowns: Float[np.ndarray, "row param"]
     columns: Int[np.ndarray, "row column"]
-    """Unknowns by which slopes are wanted; -1 for none."""
+    """Unknowns by which slopes are wanted; -1, at the end, for none."""
     speed: Float[np.ndarray, "row"]
     unbalance: Float[np.ndarray, "row plane dof"]
     bow: Float[np.ndarray, "row dof"]
@@ -76,7 +76,7 @@ class Rows(NamedTuple):
     @property
     def wanted(self) -> slice:
         """Columns in which any row has an unknown: as many as slopes are given by."""
-        return slice(int(np.max(np.flatnonzero(np.any(self.columns >= 0, axis=0)), initial=-1)) + 1)
+        return slice(int(np.count_nonzero(self.columns >= 0, axis=1).max(initial=0)))
 
 
 class Reading(NamedTuple):

@@ -207,14 +207,14 @@ class Linearisation:
         wanted: Int[np.ndarray, "row column"],
         states: Int[np.ndarray, "row"],
     ) -> Rows:
-        odd = self.states.odd[states]
+        in_one_run, odd = self.space.in_one_run(), self.states.odd[states]
         if np.any(odd):
-            unknowns, wanted = self.space.in_one_run().as_changes(unknowns, wanted, odd)
-        return Rows(unknowns, wanted, *(values[states] for values in self.states[:4]))
+            unknowns = in_one_run.added(unknowns, odd)
+        return Rows(unknowns, in_one_run.taken_by(wanted), *(values[states] for values in self.states[:4]))
 
-    def _share(self, task: _Task) -> Float[np.ndarray, "free"]:
-        """What one unit of every free unknown is in units of that by which slopes were taken."""
-        return self.space.in_one_run().share[task.free]
+    def _shares(self, task: _Task) -> Float[np.ndarray, "one 1 free"]:
+        """Of the slopes by what is free, in the states of a task."""
+        return self.space.in_one_run().shares(task.free, self.states.odd[task.states])
 
     def _split(self, values: np.ndarray, tasks: list[_Task]) -> list[np.ndarray]:
         """Back to one array a task: block x state x what follows."""
@@ -231,7 +231,7 @@ class Linearisation:
         found = []
         for k, task in enumerate(tasks):
             read = self.states.read(shown[k][0], task.cases)
-            by_free = self.states.read(_joined(slopes[k], len(task.free)) * self._share(task), task.cases)
+            by_free = self.states.read(_joined(slopes[k], len(task.free)) * self._shares(task), task.cases)
             found.append(self._held_against(task, read, by_free, None))
         return found
 
@@ -303,11 +303,14 @@ class Linearisation:
         force, followed = (eq.force[0], task.motions) if refined is None else refined
         by_motion, read, per_force = eq.force_by_motion[0], eq.shown_by_motion[0], self._per_force[task.states]
         inverse = _solved(by_motion, np.broadcast_to(np.eye(by_motion.shape[-1]), by_motion.shape))
-        share = self._share(task)
-        newton, newton_slopes = (inverse @ force[..., None])[..., 0], inverse @ _joined(eq.force_slopes, free) * share
+        shares = self._shares(task)
+        newton, newton_slopes = (
+            (inverse @ force[..., None])[..., 0],
+            inverse @ (_joined(eq.force_slopes, free) * shares),
+        )
         off = (read @ newton[..., None])[..., 0]
         shown = self.states.read(eq.shown[0] - off, task.cases)
-        slopes = self.states.read(_joined(eq.slopes, free) * share - read @ newton_slopes, task.cases)
+        slopes = self.states.read(_joined(eq.slopes, free) * shares - read @ newton_slopes, task.cases)
         own = None
         if task.point.slack:
             by_force, seen = inverse[:count] / per_force[:count, None, :], read[:count] * weight

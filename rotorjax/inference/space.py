@@ -36,20 +36,24 @@ class InOneRun(NamedTuple):
     share: Float[np.ndarray, "param"]
     """What one unit of an unknown is in units of the one that it changes; one for all others."""
 
-    def as_changes(
-        self,
-        unknowns: Float[np.ndarray, "row param"],
-        wanted: Int[np.ndarray, "row column"],
-        odd: Bool[np.ndarray, "row"],
-    ) -> tuple[Float[np.ndarray, "row param"], Int[np.ndarray, "row column"]]:
-        """Unknowns of every row with what is added in the rows of that run, and by which unknowns slopes are then
-        wanted; -1 for none.
-        """
+    def added(
+        self, unknowns: Float[np.ndarray, "row param"], odd: Bool[np.ndarray, "row"]
+    ) -> Float[np.ndarray, "row param"]:
+        """Unknowns of every row with what is added in the rows of that run."""
         there = unknowns.copy()
         there[:, self.changed] += np.where(odd[:, None], self.share[self.own] * unknowns[:, self.own], 0.0)
-        place = np.append(np.arange(unknowns.shape[1]), -1)
+        return there
+
+    def taken_by(self, wanted: Int[np.ndarray, "*many"]) -> Int[np.ndarray, "*many"]:
+        """By which unknowns slopes are taken where those by some, or by none (-1), are wanted."""
+        place = np.append(np.arange(len(self.share)), -1)
         place[self.own] = self.changed
-        return there, np.where(np.isin(wanted, self.own) & ~odd[:, None], -1, place[wanted])
+        return place[wanted]
+
+    def shares(self, free: Int[np.ndarray, "free"], odd: Bool[np.ndarray, "row"]) -> Float[np.ndarray, "row 1 free"]:
+        """What slopes are to be multiplied by that were so taken."""
+        there = np.where(np.isin(free, self.own), odd[:, None], True)
+        return (self.share[free] * there)[:, None]
 
 
 class Entry(NamedTuple):
