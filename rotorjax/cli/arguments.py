@@ -39,6 +39,7 @@ def parse_effects(texts: list[str], model: "Model") -> "tuple[list[Effect], froz
             problems.append(f"--effect {text}: unknown effect {name!r}; {nearest_effect(name, NAMED)}")
             continue
         labels = [label for p in NAMED[name].parameters() for label in p.labels(model.layout)]
+        problems += [] if labels else [f"--effect {text}: this effect needs a second balancing plane in the rig file"]
         given: dict[str, float] = {}
         for assignment in filter(None, assignments.split(",")):
             parameter, _, value = assignment.partition("=")

@@ -96,6 +96,15 @@ def suspicious(rows: Sequence[Row]) -> list[str]:
             f"most of sigma_um is larger than the largest amplitude_um, {max(amplitudes):g} µm, so that nothing can be "
             "told from noise: check its unit; read as µm"
         )
+    read: dict[tuple[str, str], list[float]] = {}
+    for row in rows:
+        read.setdefault((row.run, row.probe), []).append(row.amplitude_um)
+    dead = [f"{probe} in run {run}" for (run, probe), sizes in read.items() if len(sizes) > 1 and not any(sizes)]
+    if dead and max(amplitudes) > 0.0:
+        notes.append(
+            f"every amplitude_um is zero of probe {', '.join(dead)}: if it delivered nothing, leave those rows out; "
+            "read as no vibration"
+        )
     phases = {row.phase_deg for row in rows}
     if len(phases) > FEW and all(abs(p) <= TURN for p in phases) and any(p % 1.0 for p in phases):
         notes.append(

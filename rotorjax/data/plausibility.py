@@ -100,7 +100,10 @@ def _doubtful_installation(document: Document, model: Model, m: Measurement, run
     if 1.0 not in m.orders:
         return None
     first, speed = m.orders.index(1.0), np.asarray(m.conditions.speed)[cases]
-    measured = np.where(m.present[cases, :, first], np.abs(m.vectors[cases, :, first]), 0.0).max(axis=1)
+    # The largest of all runs at each speed: a weight that balances the rotor leaves little of its own run.
+    every = np.where(m.present[:, :, first], np.abs(m.vectors[:, :, first]), 0.0).max(axis=1)
+    cluster = m.speed_cluster()[0]
+    measured = np.array([every[cluster == here].max() for here in cluster[cases]])
     planes = np.asarray(m.conditions.unbalance)[cases] * np.asarray(model.participation)[:, None]
     unbalance = np.linalg.norm(planes.sum(axis=1), axis=-1)
     bow = np.linalg.norm(np.asarray(m.conditions.bow)[cases], axis=-1)

@@ -34,7 +34,7 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     "cross_coupling": (
         "oil whirl", "oil whip", "whip", "fluid whirl", "steam whirl", "seal", "labyrinth seal", "Alford force",
         "Thomas force", "cross-coupled stiffness", "Black-Thomas", "aerodynamic cross-coupling", "forward whirl",
-        "swirl", "impeller force", "fluid-induced instability", "journal bearing force",
+        "swirl", "oil film", "fluid film", "impeller force", "fluid-induced instability", "journal bearing force",
     ),
     "speed_dependent_stiffness": (
         "hydrodynamic stiffening", "Lomakin effect", "seal stiffness", "centrifugal stiffening",
@@ -42,7 +42,8 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     ),
     "internal_damping": (
         "rotating damping", "hysteretic damping", "hysteresis", "material damping", "shrink fit friction", "loose fit",
-        "spline friction", "internal friction", "hysteresis whirl",
+        "spline friction", "internal friction", "hysteresis whirl", "oil film", "fluid film", "journal bearing",
+        "plain bearing",
     ),
     "foundation": (
         "soft foot", "loose foundation", "soft foundation", "pedestal", "pedestal resonance", "frame resonance",

@@ -34,7 +34,6 @@ from rotorjax.inference.estimates import (
     robust_covariance,
 )
 from rotorjax.inference.noise import (
-    LARGE,
     NO_SCATTER,
     Noise,
     RunScatter,
@@ -53,6 +52,8 @@ GAIN_OF_A_CHAIN = 0.1
 """Largest error of a gain that scale factors may have beside another unit of amplitude."""
 OF_THE_CHAIN = frozenset({ChainGain.name, PhaseReferenceOffset.name})
 """Effects that change all that is read alike."""
+MOST_SCATTER = 0.15
+"""Share of what was measured by which runs may differ from one another for what is random in mounting weights."""
 RUNS_DIFFER = (
     "the runs differ from one another by {} % of what was measured: check their weights, phase reference and amplitudes"
 )
@@ -135,7 +136,7 @@ class Fit(Shown):
         if chain and (words := as_another_weight(self.model, self.stage.measurement)):
             spoken = (*spoken, words)
         left = self.stage.measurement.rms_of(self.predicted)
-        if self.scatter is not None and left > LARGE * self.stage.measurement.rms:
+        if self.scatter is not None and left > MOST_SCATTER * self.stage.measurement.rms:
             share = 100.0 * left / self.stage.measurement.rms
             spoken = (*spoken, RUNS_DIFFER.format(f"{share:.0f}"))
         return spoken if self.end.exact else (*spoken, NOT_STEADY)

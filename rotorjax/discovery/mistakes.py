@@ -178,11 +178,8 @@ def _search_as_stated(
     budget = begun.contest.budget
     with budget.share(OF_WHAT_IS_STATED * budget.left if endless else math.inf):
         linear = None if stated is None or not stated.holds else {stated.beside: stated.end}
-        pair = begun if linear is None else with_set(begun, min(most, 2), linear)
-        own = Answer.of(None, select(pair, most, progress=progress))
-        if linear is not None and not pair.holds and misses(own):
-            together = with_set(begun, most, linear, least=3)
-            own = Answer.of(None, select(together, most, progress=progress)) if together.holds else own
+        few = begun if linear is None else with_set(begun, most, linear)
+        own = Answer.of(None, select(few, most, progress=progress))
         return own._replace(cut_off=endless and budget.exhausted)
 
 

@@ -96,7 +96,7 @@ def name_force(
         return first.validated()
     second = _named(answer, effects, catalog) if effects else first
     best = min((first, second), key=lambda named: math.inf if named.fit is None else _score(named.fit))
-    if best.fit is None or _score(best.fit) >= _score(answer):
+    if best.fit is None or _score(best.fit) >= _score(answer) or _rms_left(best.fit) >= _rms_left(answer):
         return NamedForce(second.force, (), effects, None)
     return best.validated()
 
@@ -168,6 +168,11 @@ def _with_power_open(model: Model, own: list[Effect], law: RestoringEffect, gone
     """The force of an effect with its power open in the place of some effects of an answer, beside the others."""
     others, term = [e for e in own if e not in gone], with_power_open(law, model.rotor)
     return Trial(model.plus([*others, term]), (*(e.name for e in others), term.name), near=True)
+
+
+def _rms_left(fitted: Fit) -> float:
+    """Root mean square of what a fit leaves [m]."""
+    return fitted.stage.measurement.rms_of(fitted.predicted)
 
 
 def _lacking(fitted: Fit, model: Model) -> MissingForce:

@@ -165,7 +165,9 @@ class InternalDamping(MatrixEffect):
 
     name: ClassVar[str] = "internal_damping"
     family: ClassVar[Family] = "structure"
-    meaning: ClassVar[str] = "friction inside shaft, fits or couplings, turning with the rotor"
+    meaning: ClassVar[str] = (
+        "damping that turns with the rotor: friction in shaft, fits or couplings, or a fluid film that turns along"
+    )
     source: ClassVar[str] = (
         "Kimball, Gen. Electr. Rev. 27 (1924) 244-251; Genta, Dynamics of Rotating Systems, 2005, section 2.5"
     )
