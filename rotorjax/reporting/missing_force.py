@@ -47,7 +47,9 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
         f" ({number(fitted.held_out_rms / MICROMETRE)} µm on data held out)" if fitted.held_out_rms is not None else ""
     )
     beside = f"beside {said(named.beside)}" if named.beside else "beside the model as declared"
-    words = f"{named.words} (nearly as well: {', or '.join(named.rivals)})" if named.rivals else named.words
+    # Terms of one kind, one taken where the other was tried, read alike.
+    rivals = [words for words in dict.fromkeys(named.rivals) if words != named.words]
+    words = f"{named.words} (nearly as well: {', or '.join(rivals)})" if rivals else named.words
     if found.verdict != "unexplained":
         how = (
             "A simpler force would do as well"
