@@ -43,6 +43,7 @@ KINDS = (
     "run_phase",
     "run_amplitude",
     "run_speed",
+    "run_probes_exchanged",
 )
 """All kinds of changes, by name."""
 OF_WEIGHT = ("weight_absent", "weight_direction")

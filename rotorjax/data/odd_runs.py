@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.arrays import as_array
-from rotorjax.data.declarations import MIL, Mistake, Stated, beside_influence
+from rotorjax.data.declarations import KINDS, MIL, Mistake, Stated, beside_influence
 from rotorjax.data.measurement import Measurement, Uncertain
 from rotorjax.effects.of_one_run import RUN_EFFECTS, RunAmplitude, RunPhase, RunSpeed, RunUnbalance
 from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
@@ -29,6 +29,8 @@ HALVED = 0.5
 """Of what influence coefficients leave of all runs, the share that they leave at most without the odd one."""
 USUAL, NEAR_USUAL = (2.0, math.sqrt(2.0), 2.0 * math.sqrt(2.0), MIL), 0.02
 """Factors between kinds and units of amplitudes, and how near one is to them."""
+EXCHANGED, PAIR = "run_probes_exchanged", 2
+"""Of two probes the cables of one run."""
 MOST_ODD = 3
 """Runs that are looked at."""
 Pair = Float[np.ndarray, "dof"]
@@ -41,7 +43,7 @@ class Value(NamedTuple):
     error: float
 
 
-def odd_runs(model: Model, m: Measurement, kinds: Collection[str] = tuple(RUN_EFFECTS)) -> list[Mistake]:
+def odd_runs(model: Model, m: Measurement, kinds: Collection[str] = KINDS) -> list[Mistake]:
     """What may be other in one run, of those runs without which influence coefficients hold much better; nothing
     where the noise is unknown.
     """
@@ -50,7 +52,7 @@ def odd_runs(model: Model, m: Measurement, kinds: Collection[str] = tuple(RUN_EF
     return [mistake for run in _odd_ones(m) for mistake in _of_run(model, m, run) if mistake.kind in kinds]
 
 
-def every_odd_run(model: Model, m: Measurement, kinds: Collection[str] = tuple(RUN_EFFECTS)) -> list[Mistake]:
+def every_odd_run(model: Model, m: Measurement, kinds: Collection[str] = KINDS) -> list[Mistake]:
     """The same of every run, whatever the data say."""
     return [mistake for run in range(len(m.runs)) for mistake in _of_run(model, m, run) if mistake.kind in kinds]
 
@@ -81,6 +83,10 @@ def _of_run(model: Model, m: Measurement, run: int) -> Iterator[Mistake]:
         labels = [label for p in RUN_EFFECTS[kind].parameters() for label in p.labels(model.layout)]
         uncertain = tuple(Uncertain(kind, label, deviation, False, f"{kind}.{label}") for label in labels)
         yield Mistake(kind, (name,), meaning, f"check run {name}", odd, uncertain=uncertain)
+    if len(pair := m.probes_read) == PAIR:
+        meaning = f"the cables of probes {' and '.join(pair)} were exchanged in run {name}"
+        exchanged = partial(_with_probes_exchanged, run=run)
+        yield Mistake(EXCHANGED, (name,), meaning, f"the table: exchange the probes of run {name}", exchanged)
 
 
 def settled(mistake: Mistake, m: Measurement, found: Mapping[str, Value]) -> Mistake:
@@ -194,6 +200,15 @@ def _with_error(value: float, error: float) -> str:
 
 def _with_odd_run(model: Model, m: Measurement, *, run: int) -> Stated:
     return model, dataclasses.replace(m, odd_run=run)
+
+
+def _with_probes_exchanged(model: Model, m: Measurement, *, run: int) -> Stated:
+    place = np.arange(len(m.probes))
+    place[np.isin(m.probes, m.probes_read)] = place[np.isin(m.probes, m.probes_read)][::-1]
+    own = (m.run == run)[:, None, None]
+    vectors, present = (np.where(own, part[:, place], part) for part in (m.vectors, m.present))
+    sigma = None if m.sigma is None else np.where(own, m.sigma[:, place], m.sigma)
+    return model, dataclasses.replace(m, vectors=vectors, present=present, sigma=sigma)
 
 
 def _with_unbalance_added(model: Model, m: Measurement, *, run: int, added: Pair) -> Stated:

@@ -93,7 +93,7 @@ def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
     model, measurement = contest.space.model, contest.measurement
     every = mistakes(model, measurement, kinds) if measurement.rms > 0.0 and kinds else []
     if every:
-        every += [one for one in odd_runs(model, measurement, kinds) if one.kind in model]
+        every += [one for one in odd_runs(model, measurement, kinds) if one.kind in model or not one.uncertain]
     if not every:
         return []
     odds = log_odds(every, 1.0 / len(get_args(Family)))

@@ -19,7 +19,10 @@ RESIDUAL = 20e-6 * np.exp(0.9j)
 TRIALS = {"baseline": 0j, "trial-a": 60e-6 + 0j, "trial-b": 60e-6 * np.exp(2.1j), "check": 0j}
 """kg m."""
 ONLY = ("residual_unbalance", "chain_gain", "phase_reference_offset", "stiffness_error", "residual_bow")
-KINDS = ("run_unbalance", "run_phase", "run_amplitude", "run_speed", "trial_weight_absent", "trial_weight_opposite")
+KINDS = (
+    "run_unbalance", "run_phase", "run_amplitude", "run_speed", "run_probes_exchanged", "trial_weight_absent",
+    "trial_weight_opposite",
+)  # fmt: skip
 
 
 def measured(made, runs=tuple(TRIALS), sigma=0.3e-6, change=None):
@@ -98,10 +101,20 @@ def test_speeds_of_one_run_that_are_nominal_are_named():
     assert "% lower than stated" in found.mistake.meaning
 
 
+@pytest.mark.campaign
+def test_probes_exchanged_in_one_run_are_named():
+    def exchanged(z, of):
+        return np.where((of == 1)[:, None, None], z[:, ::-1], z)
+
+    found = answer(measured({}, change=exchanged))
+    assert (found.verdict, found.named) == ("explained", ("run_probes_exchanged.trial-a", "residual_unbalance"))
+
+
 def test_runs_that_agree_are_not_doubted():
     model, m = measured({})
     assert odd_runs(model, m) == []
-    assert len(every_odd_run(model, m)) == 4 * len(KINDS[:4])
+    every = {one.kind for one in every_odd_run(model, m, KINDS)}
+    assert every == {kind for kind in KINDS if kind.startswith("run_")}
 
 
 @pytest.mark.parametrize(("kind", "like"), [("run_unbalance", "residual_unbalance"), ("run_speed", "speed_error")])
