@@ -52,6 +52,8 @@ class Drawn(NamedTuple):
 
     seed: int
     mistakes: bool
+    beginning: str = ""
+    """Of the names of those mistakes."""
 
 
 def judged(hidden: Hidden, found: Explanation, mistake: str | None = None) -> str:
@@ -78,7 +80,7 @@ def _replaced(answer: set[str], others: tuple[Alternative, ...]) -> list[set[str
 def explained(drawn: Drawn) -> dict[str, Any]:
     """One case: its row of the table, and how long it took."""
     use_double_precision()
-    hidden, mistake = draw_with_mistake(drawn.seed) if drawn.mistakes else (draw(drawn.seed), None)
+    hidden, mistake = draw_with_mistake(drawn.seed, drawn.beginning) if drawn.mistakes else (draw(drawn.seed), None)
     found, seconds = timed(lambda: explain(hidden.model, hidden.measurement))
     spare_memory()
     story = found.story
@@ -128,6 +130,7 @@ def main() -> None:
         action="store_true",
         help="every second case with a mistake in rig file or table",
     )
+    parser.add_argument("--kind", default="", help="with --mistakes: only those whose names begin so, such as run_")
     parser.add_argument("--output", type=Path, help="folder for explanations.md")
     parser.add_argument("--workers", type=int, default=processors(), help="processes at one time (%(default)s)")
     parser.add_argument("--keep", type=Path, help="SQLite file for the rows as they end: given again, the rest is done")
@@ -135,8 +138,8 @@ def main() -> None:
     if arguments.output:
         arguments.output.mkdir(parents=True, exist_ok=True)
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    cases = [Case(str(seed), Drawn(seed, arguments.mistakes)) for seed in seeds]
-    configuration = {"mistakes": arguments.mistakes, "sources": sources()}
+    cases = [Case(str(seed), Drawn(seed, arguments.mistakes, arguments.kind)) for seed in seeds]
+    configuration = {"mistakes": arguments.mistakes, "kind": arguments.kind, "sources": sources()}
     with (
         tempfile.TemporaryDirectory() as folder,
         Store(arguments.keep or Path(folder) / "rows.sqlite", configuration) as store,

@@ -16,21 +16,26 @@ MIL = 25.4
 MORE_KINDS = 31600
 """Seed from which on rms amplitudes, and weights stated of a run without any, are among the mistakes."""
 
-OF_ONE_RUN = 32100
-"""The same for what is other in one of three runs or more."""
+OF_ONE_RUN, PROBES_OF_ONE_RUN = 32100, 32174
+"""The same for what is other in one of three runs or more, and for probes exchanged there."""
 
 Mistake = Callable[[Hidden], Hidden]
 
 
-def draw_with_mistake(seed: int) -> tuple[Hidden, str | None]:
-    """Effects as `draw` has them; in every second case beside one mistake that the measurement permits, by its name."""
+def draw_with_mistake(seed: int, beginning: str = "") -> tuple[Hidden, str | None]:
+    """Effects as `draw` has them; in every second case beside one mistake that the measurement permits, by its name, if
+    any ``beginning`` so does.
+    """
     hidden = draw(seed)
     if seed % 2:
         return hidden, None
     possible = _possible(hidden) | (_more(hidden) if seed >= MORE_KINDS else {})
     rng = np.random.default_rng([2611, seed])
     if seed >= OF_ONE_RUN and len(hidden.measurement.runs) >= 3:
-        possible |= _of_one_run(hidden, rng)
+        possible |= _of_one_run(hidden, rng, probes=seed >= PROBES_OF_ONE_RUN)
+    possible = {name: mistake for name, mistake in possible.items() if name.startswith(beginning)}
+    if not possible:
+        return hidden, None
     kinds = sorted({name.split(".")[0] for name in possible})
     kind = str(rng.choice(kinds))
     name = str(rng.choice(sorted(name for name in possible if name.split(".")[0] == kind)))
@@ -88,9 +93,9 @@ def _more(hidden: Hidden) -> dict[str, Mistake]:
     return found
 
 
-def _of_one_run(hidden: Hidden, rng: np.random.Generator) -> dict[str, Mistake]:
-    """In one run a weight of another size at another angle, another phase reference, amplitudes of another kind, or
-    speeds that are off.
+def _of_one_run(hidden: Hidden, rng: np.random.Generator, *, probes: bool) -> dict[str, Mistake]:
+    """In one run a weight of another size at another angle, another phase reference, amplitudes of another kind, speeds
+    that are off, or its two ``probes`` exchanged.
     """
     m, found = hidden.measurement, dict[str, Mistake]()
     unbalance, orders = np.asarray(m.conditions.unbalance), np.array(m.orders)
@@ -108,6 +113,11 @@ def _of_one_run(hidden: Hidden, rng: np.random.Generator) -> dict[str, Mistake]:
         found[f"run_amplitude.{run}"] = lambda h, larger=larger: _scaled(h, larger)
         speed = np.asarray(m.conditions.speed) * np.where(own, ratio, 1.0)
         found[f"run_speed.{run}"] = lambda h, speed=speed: _at_speeds(h, speed)
+        if probes and m.present[:, 0].any() and m.present[:, 1].any():
+            exchanged = own[:, None, None]
+            found[f"run_probes_exchanged.{run}"] = lambda h, exchanged=exchanged: _vectors(
+                h, lambda v: np.where(exchanged, v[:, ::-1], v)
+            )
     return found
 
 
