@@ -304,7 +304,7 @@ def _in_mirror(model: Model, m: Measurement) -> Stated:
 
 def _with_other_angles(model: Model, m: Measurement) -> Stated:
     turned = np.array([1.0, -1.0])
-    return model, _installed(m, np.asarray(m.conditions.unbalance) * turned, np.asarray(m.conditions.bow) * turned)
+    return model, with_installed(m, np.asarray(m.conditions.unbalance) * turned, np.asarray(m.conditions.bow) * turned)
 
 
 def _with_other_phases(model: Model, m: Measurement) -> Stated:
@@ -339,11 +339,11 @@ def _with_other_slow_roll(model: Model, m: Measurement) -> Stated:
 
 def _with_weight_of_run(model: Model, m: Measurement, *, run: int, factor: float) -> Stated:
     there = np.where((m.run == run)[:, None, None], factor, 1.0)
-    return model, _installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
+    return model, with_installed(m, np.asarray(m.conditions.unbalance) * there, np.asarray(m.conditions.bow))
 
 
 def _with_weights_times(model: Model, m: Measurement, *, factors: np.ndarray) -> Stated:
-    return model, _installed(m, np.asarray(m.conditions.unbalance) * factors[:, None], np.asarray(m.conditions.bow))
+    return model, with_installed(m, np.asarray(m.conditions.unbalance) * factors[:, None], np.asarray(m.conditions.bow))
 
 
 def _with_runs_exchanged(
@@ -351,7 +351,7 @@ def _with_runs_exchanged(
 ) -> Stated:
     of = m.run.copy()
     of[m.run == runs[0]], of[m.run == runs[1]] = runs[::-1]
-    return model, _installed(m, unbalance[of], bow[of])
+    return model, with_installed(m, unbalance[of], bow[of])
 
 
 def _parts(model: Model) -> tuple:
@@ -369,7 +369,8 @@ def _with_gravity(model: Model, factor: np.ndarray) -> Model:
     return eqx.tree_at(lambda m: m.rotor.gravity, model, as_array(np.asarray(model.rotor.gravity) * factor))
 
 
-def _installed(m: Measurement, unbalance: np.ndarray, bow: np.ndarray) -> Measurement:
+def with_installed(m: Measurement, unbalance: np.ndarray, bow: np.ndarray) -> Measurement:
+    """The measurement with other weights and bows installed, case by case."""
     there = Conditions(m.conditions.speed, as_array(unbalance), as_array(bow), m.conditions.sweep)
     return dataclasses.replace(m, conditions=there)
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.arrays import as_array
-from rotorjax.data.declarations import KINDS, MIL, Mistake, Stated, beside_influence
+from rotorjax.data.declarations import KINDS, MIL, Mistake, Stated, beside_influence, with_installed
 from rotorjax.data.measurement import Measurement, Uncertain
 from rotorjax.effects.of_one_run import RUN_EFFECTS, RunAmplitude, RunPhase, RunSpeed, RunUnbalance
 from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
@@ -29,7 +29,7 @@ HALVED = 0.5
 """Of what influence coefficients leave of all runs, the share that they leave at most without the odd one."""
 USUAL, NEAR_USUAL = (2.0, math.sqrt(2.0), 2.0 * math.sqrt(2.0), MIL), 0.02
 """Factors between kinds and units of amplitudes, and how near one is to them."""
-EXCHANGED, PAIR = "run_probes_exchanged", 2
+EXCHANGED = "run_probes_exchanged"
 """Of two probes the cables of one run."""
 MOST_ODD = 3
 """Runs that are looked at."""
@@ -83,7 +83,7 @@ def _of_run(model: Model, m: Measurement, run: int) -> Iterator[Mistake]:
         labels = [label for p in RUN_EFFECTS[kind].parameters() for label in p.labels(model.layout)]
         uncertain = tuple(Uncertain(kind, label, deviation, False, f"{kind}.{label}") for label in labels)
         yield Mistake(kind, (name,), meaning, f"check run {name}", odd, uncertain=uncertain)
-    if len(pair := m.probes_read) == PAIR:
+    if len(pair := m.probes_read) == 2:
         meaning = f"the cables of probes {' and '.join(pair)} were exchanged in run {name}"
         exchanged = partial(_with_probes_exchanged, run=run)
         yield Mistake(EXCHANGED, (name,), meaning, f"the table: exchange the probes of run {name}", exchanged)
@@ -214,9 +214,7 @@ def _with_probes_exchanged(model: Model, m: Measurement, *, run: int) -> Stated:
 def _with_unbalance_added(model: Model, m: Measurement, *, run: int, added: Pair) -> Stated:
     unbalance = np.array(m.conditions.unbalance)
     unbalance[m.run == run, 0] += added / float(np.asarray(model.participation)[0])
-    at = m.conditions
-    there = Conditions(at.speed, as_array(unbalance), at.bow, at.sweep)
-    return model, dataclasses.replace(m, conditions=there, odd_run=None)
+    return model, dataclasses.replace(with_installed(m, unbalance, np.asarray(m.conditions.bow)), odd_run=None)
 
 
 def _with_phases_turned(model: Model, m: Measurement, *, run: int, angle: float) -> Stated:

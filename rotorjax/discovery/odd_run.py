@@ -7,10 +7,10 @@ import numpy as np
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.odd_runs import Value, settled
+from rotorjax.discovery.common_noise import settle
 from rotorjax.discovery.contest import Contender, Contest, make_contest
-from rotorjax.discovery.race import race
 from rotorjax.discovery.screening import Change
-from rotorjax.inference.noise import NO_NOISE
+from rotorjax.discovery.search import wide_noise
 from rotorjax.model.model import Model
 
 
@@ -34,4 +34,4 @@ def fitted_in_one_run(mistake: Mistake, model: Model, measurement: Measurement, 
         return mistake
     names = frozenset(effects)
     contest = Change.of(make_contest(model, measurement, names), mistake, 0.0).contest
-    return with_values(mistake, contest, race(contest, NO_NOISE, [names], {})[names])
+    return with_values(mistake, contest, settle(contest, [names], {}, wide_noise(measurement)).contenders[names])
