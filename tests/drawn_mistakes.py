@@ -19,6 +19,9 @@ MORE_KINDS = 31600
 OF_ONE_RUN, PROBES_OF_ONE_RUN = 32100, 32174
 """The same for what is other in one of three runs or more, and for probes exchanged there."""
 
+WRONG_READING = 32300
+"""The same for one reading that is wrong."""
+
 Mistake = Callable[[Hidden], Hidden]
 
 
@@ -33,6 +36,8 @@ def draw_with_mistake(seed: int, beginning: str = "") -> tuple[Hidden, str | Non
     rng = np.random.default_rng([2611, seed])
     if seed >= OF_ONE_RUN and len(hidden.measurement.runs) >= 3:
         possible |= _of_one_run(hidden, rng, probes=seed >= PROBES_OF_ONE_RUN)
+    if seed >= WRONG_READING:
+        possible |= _of_one_reading(hidden, rng)
     possible = {name: mistake for name, mistake in possible.items() if name.startswith(beginning)}
     if not possible:
         return hidden, None
@@ -119,6 +124,29 @@ def _of_one_run(hidden: Hidden, rng: np.random.Generator, *, probes: bool) -> di
                 h, lambda v: np.where(exchanged, v[:, ::-1], v)
             )
     return found
+
+
+def _of_one_reading(hidden: Hidden, rng: np.random.Generator) -> dict[str, Mistake]:
+    """One reading that shows well ten times as large or as small, turned by half a turn or with the other sign of its
+    phase, with another digit, or that of another line.
+    """
+    m = hidden.measurement
+    deviation = np.full(m.vectors.shape, 0.03 * m.rms) if m.sigma is None else m.sigma
+    clear = np.argwhere(m.present & (np.abs(m.vectors) > 10.0 * deviation))
+    if not len(clear):
+        return {}
+    cell, other = (tuple(int(k) for k in clear[rng.integers(len(clear))]) for _ in range(2))
+    z = complex(m.vectors[cell])
+    typed = [10.0 * z, 0.1 * z, -z, z.conjugate(), float(rng.choice([0.6, 1.5])) * z, complex(m.vectors[other])]
+    typed = [one for one in typed if abs(one - z) > 10.0 * deviation[cell]]
+    if not typed:
+        return {}
+    vectors = m.vectors.copy()
+    vectors[cell] = typed[rng.integers(len(typed))]
+    case, probe, order = cell
+    parts = [m.runs[m.run[case]], f"{m.speed_rpm[case]:.0f}rpm", m.probes[probe]]
+    parts += [f"{m.orders[order]:g}X"] if len(m.orders) > 1 else []
+    return {".".join(["wrong_reading", *parts]): lambda h: _vectors(h, lambda _: vectors)}
 
 
 def _vectors(hidden: Hidden, change: Callable[[np.ndarray], np.ndarray]) -> Hidden:

@@ -70,6 +70,7 @@ def parse_mistake(texts: list[str], model: "Model", measurement: "Measurement") 
     from rotorjax.data.declarations import KINDS, mistakes
     from rotorjax.data.odd_runs import every_odd_run
     from rotorjax.data.section import nearest
+    from rotorjax.data.wrong_readings import every_wrong_reading
 
     found, others = [], []
     for text in texts:
@@ -80,6 +81,7 @@ def parse_mistake(texts: list[str], model: "Model", measurement: "Measurement") 
         name, _, about = text.partition(":")
         wanted = ".".join([name, *(part.partition("=")[2] for part in filter(None, about.split(",")))])
         every = [*mistakes(model, measurement, [kind]), *every_odd_run(model, measurement, [kind])]
+        every += every_wrong_reading(measurement, [kind])
         known = {mistake.name: mistake for mistake in every}
         # What is exchanged may be named in either order.
         backwards = {".".join((kind, *reversed(mistake.about))): mistake for mistake in known.values()}

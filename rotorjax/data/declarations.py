@@ -44,6 +44,7 @@ KINDS = (
     "run_amplitude",
     "run_speed",
     "run_probes_exchanged",
+    "wrong_reading",
 )
 """All kinds of changes, by name."""
 OF_WEIGHT = ("weight_absent", "weight_direction")

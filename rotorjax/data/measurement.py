@@ -136,6 +136,8 @@ class Measurement(Shown):
     """What in the rig file or in the table looks like a mistake, one line each."""
     odd_run: int | None = None
     """Index of the run in which something may be other than stated: see `rotorjax.effects.of_one_run`."""
+    doubted: Float[np.ndarray, "case probe order"] | None = None
+    """Standard error of single readings that may be wrong, beside that of the table [m]; zero of all others."""
 
     @classmethod
     def from_arrays(  # noqa: PLR0913
@@ -199,6 +201,11 @@ class Measurement(Shown):
         """Probes with a reading, in the order of the rig file."""
         return tuple(probe for k, probe in enumerate(self.probes) if self.present[:, k].any())
 
+    @property
+    def certain(self) -> Bool[np.ndarray, "case probe order"]:
+        """Vectors that were measured and are not doubted."""
+        return self.present if self.doubted is None else self.present & (self.doubted == 0.0)
+
     def __repr__(self) -> str:
         orders = ", ".join(f"{order:g}X" for order in self.orders)
         size = f"{int(self.present.sum())} vectors of {self.rms / MICROMETRE:.3g} µm rms"
@@ -261,11 +268,12 @@ class Measurement(Shown):
         """One over the standard error of real and imaginary part [1/m], zero where nothing was measured.
 
         The variance is sigma² of the table, (tolerance times the size of the measured vector, both probes)², and
-        ``allowance``² [m]. At order 0 there is no imaginary part.
+        ``allowance``² [m], and of readings that may be wrong ``doubted``². At order 0 there is no imaginary part.
         """
         size = np.sqrt(np.sum(np.abs(self.vectors) ** 2, axis=1, keepdims=True))
         given = np.zeros(self.vectors.shape) if self.sigma is None else self.sigma
         variance = given**2 + (self.knowledge.tolerance * size) ** 2 + allowance**2
+        variance += 0.0 if self.doubted is None else self.doubted**2
         weight = np.where(self.present, 1.0 / np.sqrt(np.where(variance > 0.0, variance, np.inf)), 0.0)
         both = np.stack([weight, weight], axis=-1)
         both[:, :, np.array(self.orders) == 0.0, 1] = 0.0

@@ -41,6 +41,8 @@ class Correction:
     convention: Convention
     speed_is: str = "the highest operating speed"
     """Which speed that is, in words."""
+    beside: tuple[str, ...] = ()
+    """Effects other than an unbalance that it acts against too."""
 
     @property
     def size(self) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.odd_runs import is_same_run
 from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.doubtful_readings import doubtful_beside
 from rotorjax.discovery.odd_run import with_values
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import Scored, race, score
@@ -195,6 +196,8 @@ class Doubts(NamedTuple):
     progress: Progress
     missed: Answer | None = None
     """Beside a change that was searched before, and misses."""
+    of_readings: float = 0.0
+    """Prior odds that readings are wrong, if they may be."""
 
     def race(self, own: Answer, share: float | int) -> MistakeRace:
         """An answer, and changes near it. **Arguments:** ``share``: linearisations for each change."""
@@ -202,8 +205,9 @@ class Doubts(NamedTuple):
         doubtful = self.always or misses(own) or like_a_mistake(own)
         of_weight = [one for one in self.changes if one.of_weight and _feels_the_weight(own)]
         doubted = self.changes if doubtful else of_weight
-        if contest.budget.exhausted or not (doubted or screened):
-            return self.ranked([own], ())._replace(tried=bool(screened), left_out=bool(doubted or screened))
+        readings = self.of_readings > 0.0 and misses(own)
+        if contest.budget.exhausted or not (doubted or screened or readings):
+            return self.ranked([own], ())._replace(tried=bool(screened), left_out=bool(doubted or screened or readings))
         noise = Noise(own.misfit if contest.measurement.sigma is None else 0.0)
         stated = self.stated or screen(Change(None, contest), noise)
         if not screened:
@@ -218,6 +222,9 @@ class Doubts(NamedTuple):
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
         if misses(own):
             near = self._beside_its_forces(own, noise, near)
+        if readings and not any(one.change.of_readings for one in near):
+            answer = own.selection.known[own.selection.present]
+            near = [*doubtful_beside(own.selection.contest, answer, self.of_readings), *near]
         if own.cut_off:
             share = contest.budget.left / max(1, len(near))
         found = with_near(own, near, noise, self.most, self.progress, share=share, missed=self.missed)

@@ -12,6 +12,7 @@ from rotorjax.data.declarations import KINDS, Mistake, reversed_rotation
 from rotorjax.data.measurement import Measurement, aligned_half_orders
 from rotorjax.data.names import several
 from rotorjax.data.pairing import paired, require_steady
+from rotorjax.data.wrong_readings import WRONG
 from rotorjax.discovery.answers import Answer, MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
@@ -129,9 +130,10 @@ def _as_done(
         return model, selection
     contest = selection.contest
     right, measurement = mistake.corrected(model, contest.measurement)
-    if not mistake.in_mirror and mistake.kind not in RUN_EFFECTS:
+    if not mistake.in_mirror and mistake.kind not in {*RUN_EFFECTS, WRONG}:
         return right, selection
-    # Searched in a mirror, or with values fitted along: now the rotor itself, and with what they came to.
+    # Searched in a mirror, with values fitted along or with readings doubted: now the rotor itself, with what they came
+    # to, and without those.
     model = reversed_rotation(model) if mistake.in_mirror else right
     own = make_contest(model, measurement, candidates, catalog, contest.budget)
     begun, linear = begin(own, progress=progress), None if measurement.sigma is None else as_stated(own)

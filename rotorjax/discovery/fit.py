@@ -16,6 +16,8 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
 from rotorjax.data.odd_runs import as_another_weight
 from rotorjax.data.pairing import paired
+from rotorjax.data.wrong_readings import WRONG
+from rotorjax.discovery.cancelling import cancelling
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
@@ -42,7 +44,7 @@ from rotorjax.inference.noise import (
 )
 from rotorjax.inference.space import make_space
 from rotorjax.inference.stable import unstable_speeds
-from rotorjax.model.contract import AbstractRotor, Effect
+from rotorjax.model.contract import AbstractRotor, Effect, ExcitationEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.stability import SELF_EXCITING
 from rotorjax.shown import Shown
@@ -62,6 +64,11 @@ NO_UNIT = (
     "(their mass for g mm?), and the correction with them"
 )
 """What is said of a larger one."""
+SEVERAL_WRONG = (
+    "several readings would have to be wrong: measure them again, as a force that acts at few speeds only may do what "
+    "they show"
+)
+"""What is said where more than one reading is called wrong."""
 NOT_STEADY = (
     "no steady motion was found with these values, so that the prediction is only to first order along the measured "
     "motion"
@@ -134,6 +141,11 @@ class Fit(Shown):
             spoken = (*spoken, NO_UNIT)
         chain = any(e.name in OF_THE_CHAIN for e in own) or (mistake is not None and mistake.of_amplitudes)
         if chain and (words := as_another_weight(self.model, self.stage.measurement)):
+            spoken = (*spoken, words)
+        if mistake is not None and mistake.kind == WRONG and len(mistake.about) > 1:
+            spoken = (*spoken, SEVERAL_WRONG)
+        exciting = [e.name for e in own if isinstance(e, ExcitationEffect)]
+        if words := cancelling(self.end, self.stage.space, self.stage.measurement, exciting):
             spoken = (*spoken, words)
         left = self.stage.measurement.rms_of(self.predicted)
         if self.scatter is not None and left > MOST_SCATTER * self.stage.measurement.rms:

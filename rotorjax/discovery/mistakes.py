@@ -9,10 +9,11 @@ them is tried under that noise before a nonlinear force holds.
 import dataclasses
 import math
 from collections.abc import Collection, Mapping
-from typing import get_args
+from typing import NamedTuple, get_args
 
 from rotorjax.data.declarations import log_odds, mistakes, promising
 from rotorjax.data.odd_runs import odd_runs
+from rotorjax.data.wrong_readings import WRONG
 from rotorjax.discovery.answers import (
     Answer,
     Doubts,
@@ -25,9 +26,10 @@ from rotorjax.discovery.answers import (
 )
 from rotorjax.discovery.common_noise import under_table_noise
 from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.doubtful_readings import doubtful_readings
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.screening import Change, Screened, as_stated, of_what_fails
-from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, with_set
+from rotorjax.discovery.screening import Change, Screened, as_stated, of_what_fails, screen
+from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, wide_noise, with_set
 from rotorjax.discovery.ties import settled
 from rotorjax.inference.noise import NO_NOISE
 from rotorjax.model.contract import Effect, Family
@@ -53,19 +55,20 @@ def race_of_mistakes(
     are searched with which linear effects do as well, and changes of the weight that its forces feel. **Returns** what
     is stated alone where nothing comes near it.
     """
-    changes = _changes(contest, kinds)
     before = contest.budget.spent
-    begun, stated, screened, ahead = _screened(contest, changes, most, progress)
-    if not changes:
+    stated_changes = _changes(contest, kinds)
+    of_readings = _odds_of_readings(stated_changes) if WRONG in kinds and contest.measurement.rms > 0.0 else 0.0
+    beginning = _begun(contest, stated_changes, of_readings, most, progress)
+    begun, stated = beginning.search, beginning.stated
+    if not (beginning.changes or of_readings):
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
-    doubts = Doubts(contest, changes, screened, stated, most, always, progress)
-    weights = [one for one in screened if one.change.of_weight]
+    doubts = Doubts(contest, beginning.changes, beginning.screened, stated, most, always, progress, None, of_readings)
     found = None
-    if stated and ahead:
-        found, doubts = _without_what_is_stated(begun, stated, ahead, doubts)
+    if stated and beginning.ahead:
+        found, doubts = _without_what_is_stated(begun, stated, beginning.ahead, doubts)
         if found and found.best.mistake is not None:
             return found
-    endless = bool(weights) or contest.measurement.sigma is None
+    endless = beginning.endless
     own = found.best if found else _search_as_stated(begun, stated, most, progress, endless=endless)
     raced = _doubted(own, doubts, catalog, contest.budget.spent - before)
     return raced.with_others(found) if found else raced
@@ -100,34 +103,68 @@ def _changes(contest: Contest, kinds: Collection[str]) -> list[Change]:
     return [Change.of(contest, one, odds[one.name]) for one in promising(model, measurement, every)]
 
 
-def _screened(
-    contest: Contest, changes: list[Change], most: int, progress: Progress
-) -> tuple[SearchStart, Screened | None, list[Screened], list[Screened]]:
-    """The search beside what is stated, begun; all linear effects beside that, where the noise is known; and as in
-    `of_what_fails` where neither they nor one effect by itself hold, nor a force with linear effects; or changes of
-    the rotor's weight ahead.
+class _Beginning(NamedTuple):
+    """What is stated and changes of it before any of them is searched."""
+
+    search: SearchStart
+    """Beside what is stated, begun."""
+    changes: list[Change]
+    stated: Screened | None = None
+    """All linear effects beside what is stated, where the noise is known."""
+    screened: list[Screened] = []  # noqa: RUF012
+    """The same beside changes, where neither what is stated nor one effect by itself holds, nor a force with linear
+    effects.
+    """
+    ahead: list[Screened] = []  # noqa: RUF012
+    """Those that leave far less, as in `of_what_fails`, or changes of the rotor's weight."""
+
+    @property
+    def endless(self) -> bool:
+        """Whether nonlinear forces may make up for something wrong without end: for another weight, for readings, or
+        where the noise is unknown.
+        """
+        doubtful = any(one.of_weight for one in self.changes) and bool(self.screened)
+        return doubtful or self.stated is None or any(one.of_readings for one in self.changes)
+
+
+def _begun(contest: Contest, changes: list[Change], of_readings: float, most: int, progress: Progress) -> _Beginning:
+    """What is stated, begun, and what changes leave where it does not hold. **Arguments:** ``of_readings``: prior odds
+    that some are wrong; zero if they may not be.
     """
     if contest.measurement.sigma is None:
-        return begin(contest, progress=progress), None, [], []
+        if of_readings > 0.0:
+            level = screen(Change(None, contest), wide_noise(contest.measurement))
+            changes = [*changes, *doubtful_readings(level, of_readings)]
+        return _Beginning(begin(contest, progress=progress), changes)
     stated = as_stated(contest)
     begun = begin(dataclasses.replace(contest, linear_may_hold=stated.may_hold), progress=progress)
     if stated.holds or begun.holds:
-        return begun, stated, [], []
+        return _Beginning(begun, changes, stated)
     weights = [Screened(one, stated.end) for one in changes if one.of_weight]
     if ahead := _ahead_with_a_force(begun, weights, progress):
-        return begun, stated, [], ahead
+        return _Beginning(begun, changes, stated, ahead=ahead)
     begun = begun if stated.may_hold else with_set(begun, most)
     if begun.holds:
-        return begun, stated, [], []
+        return _Beginning(begun, changes, stated)
     if ahead := _ahead_with_a_pair(weights, most):
-        return begun, stated, [], ahead
+        return _Beginning(begun, changes, stated, ahead=ahead)
+    level = screen(stated.change, wide_noise(contest.measurement))
+    if of_readings > 0.0:
+        progress("whether single readings are wrong")
+        changes = [*changes, *doubtful_readings(level, of_readings)]
     if changes:
         progress("whether an entry of rig file or table is wrong")
-    better, screened, ahead = of_what_fails(stated, changes)
+    better, screened, ahead = of_what_fails(stated, level, changes)
     if better.may_hold and not stated.may_hold:
         known = {**begun.known, **begun.quiet_race.contenders}
         begun = begin(dataclasses.replace(contest, linear_may_hold=True), known=known, progress=progress)
-    return begun, better, screened, ahead
+    return _Beginning(begun, changes, better, screened, ahead)
+
+
+def _odds_of_readings(changes: list[Change]) -> float:
+    """Prior odds that readings are wrong: those of one kind of mistake among all."""
+    kinds = {one.mistake.kind for one in changes if one.mistake is not None}
+    return 1.0 / len(get_args(Family)) / (1 + len(kinds))
 
 
 def _ahead_with_a_force(begun: SearchStart, weights: list[Screened], progress: Progress) -> list[Screened]:

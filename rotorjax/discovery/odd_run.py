@@ -1,4 +1,4 @@
-"""What is other in one run: its values, where a search ended, or from one fit."""
+"""What is other in one run, or in single readings: its values, where a search ended, or from one fit."""
 
 from collections.abc import Iterable
 
@@ -7,6 +7,7 @@ import numpy as np
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.odd_runs import Value, settled
+from rotorjax.data.wrong_readings import WRONG, with_ratios
 from rotorjax.discovery.common_noise import settle
 from rotorjax.discovery.contest import Contender, Contest, make_contest
 from rotorjax.discovery.screening import Change
@@ -15,7 +16,9 @@ from rotorjax.model.model import Model
 
 
 def with_values(mistake: Mistake, contest: Contest, contender: Contender) -> Mistake:
-    """A mistake about one run with the values that a fit beside it came to; any other as it is."""
+    """A mistake about one run, or about readings, with the values that a fit beside it came to; any other as it is."""
+    if mistake.kind == WRONG:
+        return with_ratios(mistake, contest.measurement, contender.best.shown)
     if not mistake.uncertain:
         return mistake
     end, space = contender.best, contest.space

@@ -156,6 +156,10 @@ def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, 
         same = Start.at(parent.best) if not (effects ^ parent.effects) & contest.coupled else Start(here)
         declared = declared_starts(contest.space, new, contest.measurement)
         starts += [same._replace(point=np.where(new & (start != 0.0), start, here)) for start in declared]
+        if parent is parents[0] and len(declared) > 1 and not effects & contest.coupled:
+            # What is declared uncertain may have moved in the place of an effect: a stiffness for a foundation.
+            back = np.where(contest.free(frozenset()), contest.space.given_unknowns(), here)
+            starts = [Start(np.where(new & (start != 0.0), start, back)) for start in declared] + starts
     starts = starts or starts_at(declared_starts(contest.space, mask, contest.measurement))
     distinct: list[Start] = []
     for start in starts:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorjax.data.declarations import OF_READING, OF_WEIGHT, Mistake
+from rotorjax.data.wrong_readings import WRONG
 from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.race import race
 from rotorjax.discovery.rivals import TIE
@@ -53,9 +54,9 @@ class Change(NamedTuple):
         return self.mistake is not None and self.mistake.kind in OF_WEIGHT
 
     @property
-    def of_one_run(self) -> bool:
-        """Whether it has values of its own, in one run."""
-        return self.mistake is not None and bool(self.mistake.uncertain)
+    def of_readings(self) -> bool:
+        """Whether single readings are wrong."""
+        return self.mistake is not None and self.mistake.kind == WRONG
 
     @classmethod
     def of(cls, contest: Contest, mistake: Mistake, odds: float) -> "Change":
@@ -284,32 +285,32 @@ def _costly_alone(change: Change, own: Contender, noise: Noise, hopeless: float)
     return race(contest, noise, [effects], {effects: near}, hopeless=hopeless)[effects]
 
 
-def of_what_fails(stated: Screened, changes: list[Change]) -> tuple[Screened, list[Screened], list[Screened]]:
+def of_what_fails(
+    stated: Screened, level: Screened, changes: list[Change]
+) -> tuple[Screened, list[Screened], list[Screened]]:
     """What is stated, where linear effects do not hold within the noise with it, changes that may be near, and those
     ahead, the nearest first; none where what is stated holds after all.
 
     All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
-    stated under that noise stays so.
+    stated under that noise stays so. **Arguments:** ``level``: what is stated under the wide noise.
     """
-    measurement = stated.change.contest.measurement
-    level = screen(stated.change, wide_noise(measurement))
     enough = stated.change.contest.far_off
-    stated = min(stated, _under_table_noise(level, hopeless=enough), key=lambda one: one.end.cost)
+    stated = min(stated, under_table_noise(level, hopeless=enough), key=lambda one: one.end.cost)
     if stated.holds:
         return stated, [], []
     feels = {change.mistake: _feels(change, level) for change in changes}
     possible = _not_behind(level, [change for change in changes if feels[change.mistake]])
     screened = list[Screened]()
     for one in possible:
-        screened.append(_under_table_noise(one, hopeless=enough))
+        screened.append(under_table_noise(one, hopeless=enough))
         if screened[-1].holds:
             enough = min(enough, screened[-1].end.cost + HOPELESS)
     if changes and not any(one.holds for one in screened):
         # How far off all are decides then.
         if stated.end.result == LEFT_BEHIND:
             whole = as_stated(stated.change.contest, to_the_end=True)
-            stated = min(whole, _under_table_noise(level), key=lambda one: one.end.cost)
-        screened = [_under_table_noise(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
+            stated = min(whole, under_table_noise(level), key=lambda one: one.end.cost)
+        screened = [under_table_noise(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
     ahead = [
         fitted
         for rough, fitted in zip(possible, screened, strict=True)
@@ -339,7 +340,7 @@ def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
     return sorted((one for one in fitted if one.end.cost < most), key=lambda one: one.cost)
 
 
-def _under_table_noise(rough: Screened, *, hopeless: float = math.inf) -> Screened:
+def under_table_noise(rough: Screened, *, hopeless: float = math.inf) -> Screened:
     """The fit under the noise of the table, begun where that under a wide one ended."""
     return screen(rough.change, NO_NOISE, starts=[Start.at(rough.end)], hopeless=hopeless)
 
@@ -349,7 +350,7 @@ def _feels(change: Change, level: Screened) -> bool:
     what they show.
     """
     contest, stated = change.contest, level.change.contest
-    if contest.measurement.vectors is not stated.measurement.vectors or change.of_one_run:
+    if contest.measurement is not stated.measurement:
         return True
     shown = predict(contest.space, contest.measurement.conditions, level.end.point, budget=contest.budget).shown
     return not np.allclose(shown, level.end.shown, rtol=SAME, atol=0.0, equal_nan=True)

@@ -179,6 +179,10 @@ class InternalDamping(MatrixEffect):
         turning = point.speed * self.damping_n_s_per_m * point.whirl
         return Matrices(damping=self.damping_n_s_per_m * jnp.eye(2), stiffness=turning)
 
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        negative = float(self.damping_n_s_per_m) < 0.0
+        return "would be negative, and damping that turns with the shaft is not" if negative else None
+
 
 class Gyroscopic(MatrixEffect):
     """D += iωΩ g J: g = polar moment times the square of slope per deflection; g > 0 stiffens forward whirl."""
@@ -193,6 +197,9 @@ class Gyroscopic(MatrixEffect):
 
     def matrices(self, point: OperatingPoint) -> Matrices:
         return Matrices(damping=point.speed * self.inertia_ratio_kg * point.whirl)
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return "would be of a negative moment of inertia" if float(self.inertia_ratio_kg) < 0.0 else None
 
 
 class Foundation(SupportEffect):

@@ -271,7 +271,7 @@ def misfit_of(
     runs is taken off.
     """
     if measurement.sigma is None:
-        counted = np.repeat(measurement.present[..., None], 2, axis=-1)
+        counted = np.repeat(measurement.certain[..., None], 2, axis=-1)
         counted[:, :, np.array(measurement.orders) == 0.0, 1] = False
         total = float(np.sum(numpy_pair(residual)[counted] ** 2)) / max(1, int(counted.sum()) - fitted)
         return max(math.sqrt(total), NOISE_FLOOR * measurement.rms, LEAST_NOISE)

@@ -1,5 +1,6 @@
 """What people read of a correction: the mass, where it goes, and what is left."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +15,13 @@ from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured
 from rotorjax.diagnosis.inverse import Diagnosis, RunDiagnosis
 from rotorjax.diagnosis.separability import ENTANGLED
 from rotorjax.discovery.fit import Fit
+from rotorjax.discovery.least_vibration import excites_at_1x, together
 from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.inference.estimates import NORMAL_QUANTILE
 from rotorjax.model.model import Model
 from rotorjax.reporting.intervals import angle_and_error, decimals_of, value_and_error
 from rotorjax.reporting.tables import Table, number
+from rotorjax.reporting.wording import said
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM
 
 GRAM = 1e-3
@@ -38,10 +41,14 @@ class Balance(NamedTuple):
     """In a sentence, where an unbalance was looked for and nothing is to be corrected."""
     proviso: str = ""
     """What must hold for it, from a comma on."""
+    leaves: str = ""
+    """What vibration it leaves, in sentences, where not only an unbalance is corrected."""
 
 
 def balance_of_fit(fitted: Fit, rig: Rig, measurement: Measurement) -> Balance:
-    """What corrects the residual unbalance of a fitted model; nothing where the fit has no residual unbalance."""
+    """What corrects the residual unbalance of a fitted model; nothing where the fit has no residual unbalance. Where a
+    bow or a force excites the rotor beside it, what leaves least vibration against all of them.
+    """
     found = {e.entry.label: e for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
     labels = [f"unbalance_{axis}_kg_m" for axis in "xy"]
     if not found.keys() >= set(labels):
@@ -52,7 +59,35 @@ def balance_of_fit(fitted: Fit, rig: Rig, measurement: Measurement) -> Balance:
     by_student = fitted.quantile > NORMAL_QUANTILE
     freedom = float(stdtridf(0.975, fitted.quantile)) if by_student else np.inf
     unbalance = Fault(np.array([found[label].value for label in labels]), covariance, freedom)
+    if len(excites_at_1x(fitted)) > 1:
+        return _together(fitted, unbalance, rig, measurement)
     return _balance(unbalance, "the residual unbalance", rig, measurement, float(fitted.model.rotor.mass))
+
+
+def _together(fitted: Fit, unbalance: Fault, rig: Rig, measurement: Measurement) -> Balance:
+    """What leaves least vibration against an unbalance and what else excites the rotor; of a linear rotor."""
+    names = [name for name in excites_at_1x(fitted) if name != ResidualUnbalance.name]
+    if not fitted.stage.space.is_linear_at(fitted.end.point):
+        why = (
+            f"No correction: beside a nonlinear force that against {said(names)} and the residual unbalance depends on "
+        )
+        return Balance(
+            why_none=f"{why}the vibration; influence coefficients (`rotorjax diagnose`) correct what was read."
+        )
+    least = together(fitted, measurement.speed_cluster()[1], unbalance.freedom)
+    whose = f"what {said(least.effects)} do together"
+    made = _balance(least.unbalance, whose, rig, measurement, float(fitted.model.rotor.mass))
+    if made.why_none:
+        return made
+    before, after, alone = (number(size / MICROMETRE) for size in (least.before, least.after, least.unbalance_alone))
+    left = (
+        f"It leaves the least vibration at 1X against {said(least.effects)} together: {after} of {before} µm (0-pk, "
+        "rms over probes and the speeds measured; without runout). A correction of the residual unbalance alone would "
+        f"leave {alone} µm."
+    )
+    return made._replace(
+        corrections=tuple(dataclasses.replace(one, beside=tuple(names)) for one in made.corrections), leaves=left
+    )
 
 
 def balance_of_diagnosis(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> Balance:
@@ -125,7 +160,7 @@ def balance_lines(found: Balance) -> list[str]:
     """All corrections in sentences, or why there are none."""
     alone = len(found.corrections) > 1
     lines = [balance_line(one, alone=alone, proviso=found.proviso) for one in found.corrections]
-    return [*lines, found.why_none] if found.why_none else lines
+    return [*lines, *filter(None, [found.leaves, found.why_none])]
 
 
 def balance_line(correction: Correction, *, alone: bool = False, proviso: str = "") -> str:
@@ -140,13 +175,15 @@ def balance_line(correction: Correction, *, alone: bool = False, proviso: str = 
         amount, hint = f"{mass} ± {error} g at a radius of {1e3 * c.plane.radius_m:g} mm,", ""
     angle, turn = angle_and_error(c.correction_angle_deg, c.unbalance.angle_half_interval_deg)
     sense = c.convention.weight_angles.replace("-", " the ")
-    from_it = f"(opposite the unbalance at {angle_and_error(c.angle_deg, c.unbalance.angle_half_interval_deg)[0]}°)"
-    holes = _holes(c)
+    holes = f", that is {held}" if (held := _holes(c)) else ""
+    put = f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° from +x {sense} {where}"
+    if c.beside:
+        return f"{put}{holes}.{hint}"
+    opposite = angle_and_error(c.angle_deg, c.unbalance.angle_half_interval_deg)[0]
     return (
-        f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° from +x {sense} {where} {from_it}"
-        f"{f', that is {holes}' if holes else ''}. Specific unbalance times speed at {c.speed / RPM:.0f} rpm "
-        f"({c.speed_is}): {number(c.grade(c.size))} mm/s before, below {number(c.grade(c.left_below), 2)} mm/s after "
-        f"(95 %, if installed exactly); grade G of ISO 21940-11 where the rotor behaves as rigid.{hint}"
+        f"{put} (opposite the unbalance at {opposite}°){holes}. Specific unbalance times speed at {c.speed / RPM:.0f} "
+        f"rpm ({c.speed_is}): {number(c.grade(c.size))} mm/s before, below {number(c.grade(c.left_below), 2)} mm/s "
+        f"after (95 %, if installed exactly); grade G of ISO 21940-11 where the rotor behaves as rigid.{hint}"
     )
 
 
@@ -292,9 +329,10 @@ def balance_json(found: Balance) -> dict[str, dict[str, Any]]:
             "holes": [
                 {"hole": part.hole, "angle_deg": part.angle_deg, "mass_g": part.mass_kg / GRAM} for part in c.in_holes
             ],
-            "grade_before": c.grade(c.size),
-            "grade_after": c.grade(c.left),
-            "grade_after_below": c.grade(c.left_below),
+            "against": ["residual_unbalance", *c.beside],
+            "grade_before": None if c.beside else c.grade(c.size),
+            "grade_after": None if c.beside else c.grade(c.left),
+            "grade_after_below": None if c.beside else c.grade(c.left_below),
             "grade_speed_rpm": c.speed / RPM,
         }
         for c in found.corrections

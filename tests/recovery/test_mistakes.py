@@ -328,7 +328,8 @@ def test_linear_effects_none_of_which_promises_much_are_read_from_one_fit_of_all
     drawn, _ = draw_with_mistake(31244)
     linear = tuple(name for name, cls in CATALOG.items() if not issubclass(cls, RestoringEffect | SweepEffect))
     contest = make_contest(drawn.model, drawn.measurement, linear)
-    (stated, *_), begun = of_what_fails(as_stated(contest), []), begin(contest)
+    level = screen(Change(None, contest), wide_noise(contest.measurement))
+    (stated, *_), begun = of_what_fails(as_stated(contest), level, []), begin(contest)
     assert stated.holds
     assert not begun.holds
     found = with_set(begun, 3, {stated.beside: stated.end}).found

@@ -1,0 +1,69 @@
+"""The unbalance whose removal leaves least vibration, where a bow or a force excites the rotor beside it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rotorjax.arrays import numpy_pair
+from rotorjax.diagnosis.fault import Fault
+from rotorjax.discovery.fit import Fit
+from rotorjax.effects.excitation import PlaneParticipation, ResidualUnbalance
+from rotorjax.effects.reading import Runout
+from rotorjax.inference.faults import fault_sensitivity, response_to
+from rotorjax.model.conditions import Conditions
+from rotorjax.model.contract import ExcitationEffect
+from rotorjax.model.model import Model
+
+
+class Together(NamedTuple):
+    """What excites a rotor at 1X, as one unbalance on the disk."""
+
+    effects: tuple[str, ...]
+    unbalance: Fault
+    """Its removal leaves least [kg m]."""
+    before: float
+    """Vibration at 1X with nothing installed, rms over probes and speeds [m]; without runout."""
+    after: float
+    """With that unbalance removed."""
+    unbalance_alone: float
+    """With the residual unbalance removed and nothing else."""
+
+
+def excites_at_1x(fitted: Fit) -> tuple[str, ...]:
+    """Effects fitted that excite the rotor at 1X, the residual unbalance among them."""
+    names = dict.fromkeys(e.entry.effect for e in fitted.estimates)
+    of_planes = PlaneParticipation.name
+    return tuple(name for name in names if isinstance(fitted.model.find(name), ExcitationEffect) and name != of_planes)
+
+
+def together(fitted: Fit, speed_rpm: Float[np.ndarray, "speed"], freedom: float) -> Together:
+    """The unbalance U for which Σ |z - J U|² over probes and speeds is least, z the vibration at 1X with nothing
+    installed and J the response to an unbalance; of a linear rotor. Its error is that of what excites. **Arguments:**
+    ``freedom``: degrees of freedom of the errors.
+    """
+    names, space, point = excites_at_1x(fitted), fitted.stage.space, fitted.end.point
+    found, before, slopes = _equivalent(fitted.model, speed_rpm)
+    which = [e.entry.unknown for e in fitted.estimates if e.entry.effect in names]
+    by_unknown = np.zeros((2, len(which)))
+    for k, unknown in enumerate(which):
+        there = point.copy()
+        there[unknown] += 1.0
+        by_unknown[:, k] = _equivalent(space.model_at(there), speed_rpm)[0] - found
+    covariance = by_unknown @ fitted.covariance[np.ix_(which, which)] @ by_unknown.T
+    own = {e.entry.label: e.value for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
+    alone = np.array([own[f"unbalance_{axis}_kg_m"] for axis in "xy"])
+    sizes = (float(np.sqrt(2.0 * np.mean((before - slopes @ removed) ** 2))) for removed in (np.zeros(2), found, alone))
+    return Together(names, Fault(found, covariance, freedom), *sizes)
+
+
+def _equivalent(
+    model: Model, speed_rpm: Float[np.ndarray, "speed"]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "number"], Float[np.ndarray, "number 2"]]:
+    """That unbalance, the vibration in real numbers, and its slopes by an unbalance."""
+    shaft, first = model.without(Runout.name), model.layout.orders.index(1.0)
+    conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
+    vectors = np.asarray(response_to(shaft, conditions, np.zeros((len(speed_rpm), 4))))[:, :, first]
+    slopes = fault_sensitivity(shaft, conditions)[:, :, first, :, :2].reshape(-1, 2)
+    numbers = numpy_pair(vectors).ravel()
+    return np.linalg.lstsq(slopes, numbers)[0], numbers, slopes
