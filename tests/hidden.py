@@ -48,6 +48,9 @@ def hide(
         "stiffness_axes": lambda: {"axes": v[0]},
         "cross_coupling": lambda: {"cross": v[0]},
         "speed_dependent_stiffness": lambda: {"stiffness": (x * (1 + v[0] * growth), y * (1 + v[1] * growth))},
+        "speed_dependent_damping": lambda: {
+            "damping": tuple(c * (1.0 + v[0] * (machine.frequency / speed - 1.0)) for c in rotor.damping)
+        },
         "internal_damping": lambda: {"internal": v[0]},
         "gyroscopic": lambda: {"gyroscopic": v[0]},
         "foundation": lambda: {"foundation": _foundation(machine, *v)},

@@ -40,6 +40,7 @@ KINDS = (
     "weights_unit",
     "slow_roll_subtracted",
     "run_unbalance",
+    "run_bow",
     "run_phase",
     "run_amplitude",
     "run_speed",

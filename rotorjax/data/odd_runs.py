@@ -16,12 +16,12 @@ from jaxtyping import Float
 from rotorjax.arrays import as_array
 from rotorjax.data.declarations import KINDS, MIL, Mistake, Stated, beside_influence, with_installed
 from rotorjax.data.measurement import Measurement, Uncertain
-from rotorjax.effects.of_one_run import RUN_EFFECTS, RunAmplitude, RunPhase, RunSpeed, RunUnbalance
+from rotorjax.effects.of_one_run import RUN_EFFECTS, RunAmplitude, RunBow, RunPhase, RunSpeed, RunUnbalance
 from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.steady_state import is_coupled
-from rotorjax.units import GRAM_MILLIMETRE
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 LEAST_RUNS = 3
 """Of two runs either may be the odd one."""
@@ -31,6 +31,8 @@ USUAL, NEAR_USUAL = (2.0, math.sqrt(2.0), 2.0 * math.sqrt(2.0), MIL), 0.02
 """Factors between kinds and units of amplitudes, and how near one is to them."""
 EXCHANGED = "run_probes_exchanged"
 """Of two probes the cables of one run."""
+ABOUT_WEIGHTS = "installed weights"
+"""Words in what speaks against an answer for which weights may stand."""
 MOST_ODD = 3
 """Runs that are looked at."""
 Pair = Float[np.ndarray, "dof"]
@@ -73,9 +75,11 @@ def _odd_ones(m: Measurement) -> list[int]:
 def _of_run(model: Model, m: Measurement, run: int) -> Iterator[Mistake]:
     name, odd = m.runs[run], partial(_with_odd_run, run=run)
     largest = float(np.max(np.linalg.norm(np.asarray(m.conditions.unbalance), axis=-1), initial=0.0))
-    size = max(largest, model.rotor.quantities()["unbalance"])
+    scales = model.rotor.quantities()
+    size, bow = max(largest, scales["unbalance"]), 2.0 * scales["eccentricity"]
     for kind, deviation, meaning in (
         (RunUnbalance.name, size, f"the unbalance of run {name} is another than stated"),
+        (RunBow.name, bow, f"the shaft was bowed in run {name} as in no other"),
         (RunPhase.name, 1.0, f"the phase reference of run {name} is at another angle than that of the others"),
         (RunAmplitude.name, 1.0, f"the amplitudes of run {name} are of another size than those of the others"),
         (RunSpeed.name, 0.1, f"the speeds of run {name} are other than stated"),
@@ -111,6 +115,19 @@ def _unbalance(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, 
     return meaning, f"[runs.{name}]: a weight was lost, added or moved; state it there", corrected
 
 
+def _bow(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, partial[Stated]]:
+    added, name = np.array([x.value, y.value]), m.runs[run]
+    error = math.hypot(x.error, y.error) / math.sqrt(2.0) / MICROMETRE
+    size = _with_error(float(np.hypot(*added)) / MICROMETRE, error)
+    angle = math.degrees(math.atan2(y.value, x.value)) % 360.0
+    meaning = (
+        f"a bow of {size} µm at {angle:.0f}° (from +x in the sense of rotation) bent the shaft in run {name} and in no "
+        "other"
+    )
+    cure = f"[runs.{name}] bow: state it, or measure the run again with the shaft as straight as in the others"
+    return meaning, cure, partial(_with_bow_added, run=run, added=added)
+
+
 def _phase(m: Measurement, run: int, angle: Value) -> tuple[str, str, partial[Stated]]:
     degrees, error, name = math.degrees(angle.value), math.degrees(angle.error), m.runs[run]
     way = "lead" if degrees > 0.0 else "lag"
@@ -139,7 +156,8 @@ def _speed(m: Measurement, run: int, error: Value) -> tuple[str, str, partial[St
 
 
 _SAID = {
-    RunUnbalance.name: _unbalance, RunPhase.name: _phase, RunAmplitude.name: _amplitude, RunSpeed.name: _speed
+    RunUnbalance.name: _unbalance, RunBow.name: _bow, RunPhase.name: _phase, RunAmplitude.name: _amplitude,
+    RunSpeed.name: _speed,
 }  # fmt: skip
 
 
@@ -158,28 +176,36 @@ def _is_usual(mistake: Mistake) -> bool:
     return any(abs(factor / usual**power - 1.0) < NEAR_USUAL for usual in USUAL for power in (1, -1))
 
 
-def as_another_weight(model: Model, measurement: Measurement) -> str | None:
-    """The weight that would do what a common gain and phase of everything read does, where only one was installed: the
-    vectors then change with c w, w the weight and c gain and phase, and unbalance and bow are not known beforehand.
-    None where something else tells the two apart: two different weights, an installed bow, the sag, a nonlinear force.
+def as_other_weights(model: Model, measurement: Measurement) -> str | None:
+    """The weights that would do what a common gain and phase of everything read does: the vectors change with c w, w a
+    weight and c gain and phase, and unbalance and bow are not known beforehand. One weight may be another by c; several
+    are all larger by a common factor at most, as by their radius.
+
+    None where something else tells the two apart: an installed bow, the sag, a nonlinear force.
     """
     at = measurement.conditions
     weights = np.unique(np.round(np.asarray(at.unbalance), 12), axis=0)
     weights = weights[np.any(weights != 0.0, axis=(1, 2))]
     sag = 0.0 in measurement.orders and np.any(np.asarray(model.rotor.gravity))
-    if len(weights) != 1 or weights.shape[1] != 1 or np.any(np.asarray(at.bow)) or sag or is_coupled(model):
+    if not len(weights) or np.any(np.asarray(at.bow)) or sag or is_coupled(model):
         return None
-    factor = complex(float(model.probes.scale))
-    for effect in model.effects:
-        if isinstance(effect, ChainGain):
-            factor *= 1.0 + complex(*map(float, effect.values()))
-        elif isinstance(effect, PhaseReferenceOffset):
-            factor *= np.exp(1j * float(effect.values()[0]))
+    gain = model.find(ChainGain.name)
+    factor = 1.0 if gain is None else 1.0 + complex(*map(float, gain.values()))
+    if len(weights) > 1 or weights.shape[1] > 1:
+        if abs(abs(factor) - 1.0) < NEAR_USUAL:
+            return None
+        return (
+            f"{ABOUT_WEIGHTS} that are all {abs(factor):.3g} times as large as stated (their radius?) would do what "
+            "a gain of the measuring chain does"
+        )
+    factor *= float(model.probes.scale)
+    if (offset := model.find(PhaseReferenceOffset.name)) is not None:
+        factor *= np.exp(1j * float(offset.values()[0]))
     stated = complex(*weights[0, 0])
     shown = [_vector(np.array([w.real, w.imag])) for w in (factor * stated, stated)]
     return (
-        f"one weight does not tell the measuring chain from a weight that is not as stated: {shown[0]} (from +x in the "
-        f"sense of rotation) instead of {shown[1]} would do the same"
+        f"one weight does not tell the measuring chain from {ABOUT_WEIGHTS} that are not as stated: {shown[0]} (from "
+        f"+x in the sense of rotation) instead of {shown[1]} would do the same"
     )
 
 
@@ -215,6 +241,12 @@ def _with_unbalance_added(model: Model, m: Measurement, *, run: int, added: Pair
     unbalance = np.array(m.conditions.unbalance)
     unbalance[m.run == run, 0] += added / float(np.asarray(model.participation)[0])
     return model, dataclasses.replace(with_installed(m, unbalance, np.asarray(m.conditions.bow)), odd_run=None)
+
+
+def _with_bow_added(model: Model, m: Measurement, *, run: int, added: Pair) -> Stated:
+    bow = np.array(m.conditions.bow)
+    bow[m.run == run] += added
+    return model, dataclasses.replace(with_installed(m, np.asarray(m.conditions.unbalance), bow), odd_run=None)
 
 
 def _with_phases_turned(model: Model, m: Measurement, *, run: int, angle: float) -> Stated:

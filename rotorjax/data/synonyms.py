@@ -40,8 +40,13 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
         "hydrodynamic stiffening", "Lomakin effect", "seal stiffness", "centrifugal stiffening",
         "bearing stiffness over speed", "ball bearing spin",
     ),
+    "speed_dependent_damping": (
+        "structural damping", "hysteretic damping", "loss factor", "material damping", "rubber mount",
+        "damping over speed", "bearing damping over speed", "oil film", "fluid film",
+        "journal bearing", "plain bearing",
+    ),
     "internal_damping": (
-        "rotating damping", "hysteretic damping", "hysteresis", "material damping", "shrink fit friction", "loose fit",
+        "rotating damping", "hysteresis", "material damping", "shrink fit friction", "loose fit",
         "spline friction", "internal friction", "hysteresis whirl", "oil film", "fluid film", "journal bearing",
         "plain bearing",
     ),

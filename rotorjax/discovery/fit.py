@@ -14,7 +14,7 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
-from rotorjax.data.odd_runs import as_another_weight
+from rotorjax.data.odd_runs import as_other_weights
 from rotorjax.data.pairing import paired
 from rotorjax.data.wrong_readings import WRONG
 from rotorjax.discovery.cancelling import cancelling
@@ -140,7 +140,7 @@ class Fit(Shown):
         if mistake is not None and mistake.of_amplitudes and any(_is_far_from_one(e) for e in own):
             spoken = (*spoken, NO_UNIT)
         chain = any(e.name in OF_THE_CHAIN for e in own) or (mistake is not None and mistake.of_amplitudes)
-        if chain and (words := as_another_weight(self.model, self.stage.measurement)):
+        if chain and (words := as_other_weights(self.model, self.stage.measurement)):
             spoken = (*spoken, words)
         if mistake is not None and mistake.kind == WRONG and len(mistake.about) > 1:
             spoken = (*spoken, SEVERAL_WRONG)

@@ -63,7 +63,8 @@ def race(
             contest, data, level, {**known, **found}, further, afresh=afresh, hopeless=hopeless
         ).items():
             found[effects] = contender_of(contest, effects, ends, noise)
-    special = _special_cases(contest, found, {**known, **found}, noise)
+    every_known = {**known, **found}
+    special = _special_cases(contest, found, every_known, noise) | _below_larger(contest, found, every_known, noise)
     for effects, ends in _fitted(contest, data, list(special), special, {}, afresh=False, hopeless=hopeless).items():
         found[effects] = contender_of(contest, effects, [*found[effects].ends, *ends], noise)
     return found
@@ -83,6 +84,31 @@ def _special_cases(contest: Contest, sets: Iterable[Effects], known: Known, nois
                 if not known[effects].balanced or other.best.cost < known[effects].best.cost - CLEAR:
                     end = other.best._replace(point=_as_special_case(contest, other.best.point, name, general))
                     found[effects] = Contender(effects, (end,), -math.inf, noise)
+    return found
+
+
+def _below_larger(contest: Contest, sets: Iterable[Effects], known: Known, noise: Noise) -> Known:
+    """Where to begin with sets of linear effects that are behind what one effect more leads to expect of them: that
+    effect is hardly needed, and they stopped at a worse optimum.
+    """
+    found: Known = {}
+    for effects in sets:
+        if effects & contest.coupled or not known[effects].balanced:
+            continue
+        for name in contest.candidates:
+            larger = known.get(effects | {name}) if name not in effects and name not in contest.coupled else None
+            if larger is None or not larger.fitted_under(noise) or not larger.balanced:
+                continue
+            end, own = larger.best, np.isin(larger.best.free, np.flatnonzero(contest.only_of([name])))
+            if not end.exact or end.cost > known[effects].best.cost - CLEAR:
+                continue
+            moved = end.point[end.free[own]]
+            covariance = np.linalg.inv(end.curvature)[np.ix_(own, own)]
+            without = end.cost + 0.5 * float(moved @ np.linalg.solve(covariance, moved))
+            if without < known[effects].best.cost - CLEAR:
+                point = np.where(contest.only_of([name]), contest.space.given_unknowns(), end.point)
+                found[effects] = Contender(effects, (end._replace(point=point, exact=False),), -math.inf, noise)
+                break
     return found
 
 

@@ -1,8 +1,8 @@
 """What may be different in one run: the value of an effect of the catalogue that holds in that run only.
 
 A weight at another place or of another mass than is stated, or one lost between two runs, is an unbalance of one run; a
-phase reference that was moved, or amplitudes that were typed in as peak-to-peak, concern one run as well. Equations and
-signs are those of the effect of the catalogue.
+shaft that had stood still is bowed for one run; a phase reference that was moved, or amplitudes that were typed in as
+peak-to-peak, concern one run as well. Equations and signs are those of the effect of the catalogue.
 """
 
 from typing import ClassVar
@@ -32,6 +32,18 @@ class RunUnbalance(OfOneRun):
     like: ClassVar[str] = "residual_unbalance"
     unbalance_x_kg_m: Array = parameter("component along x", scale=1.0, of="unbalance")
     unbalance_y_kg_m: Array = parameter("component 90° on in the sense of rotation", scale=1.0, of="unbalance")
+
+
+class RunBow(OfOneRun):
+    """As `ResidualBow`, in one run: s += S_x + iS_y."""
+
+    name: ClassVar[str] = "run_bow"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "bow that the shaft had in one run only: it had stood still, or was hot"
+    source: ClassVar[str] = "as residual_bow"
+    like: ClassVar[str] = "residual_bow"
+    bow_x_m: Array = parameter("component along x", scale=2.0, of="eccentricity")
+    bow_y_m: Array = parameter("component 90° on in the sense of rotation", scale=2.0, of="eccentricity")
 
 
 class RunPhase(OfOneRun):
@@ -67,4 +79,6 @@ class RunSpeed(OfOneRun):
     error: Array = parameter("relative error of the speed", scale=0.1)
 
 
-RUN_EFFECTS: dict[str, type[OfOneRun]] = {cls.name: cls for cls in (RunUnbalance, RunPhase, RunAmplitude, RunSpeed)}
+RUN_EFFECTS: dict[str, type[OfOneRun]] = {
+    cls.name: cls for cls in (RunUnbalance, RunBow, RunPhase, RunAmplitude, RunSpeed)
+}

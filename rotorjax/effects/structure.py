@@ -84,7 +84,7 @@ class DampingError(MatrixEffect):
     family: ClassVar[Family] = "structure"
     meaning: ClassVar[str] = "damping more or less than the rig file says, per axis"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.3"
-    relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset",)
+    relatives: ClassVar[tuple[str, ...]] = ("phase_reference_offset", "speed_dependent_damping")
     log_ratio_x: Array = parameter("natural logarithm of true over nominal, along x", scale=0.5)
     log_ratio_y: Array = parameter("natural logarithm of true over nominal, along y", scale=0.5)
 
@@ -160,6 +160,24 @@ class SpeedDependentStiffness(MatrixEffect):
         )
 
 
+class SpeedDependentDamping(MatrixEffect):
+    """c_i -> c_i (1 + e (ω_ref/Ω - 1)), ω_ref the mean natural frequency: e = 1 is a loss factor, whose force at 1X is
+    c_i ω_ref whatever the speed.
+    """
+
+    name: ClassVar[str] = "speed_dependent_damping"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "damping falls as speed rises: structural damping (a loss factor) at 1X, or a fluid film"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 2.3: structural damping"
+    relatives: ClassVar[tuple[str, ...]] = ("damping_error", "phase_reference_offset", "time_delay")
+    share: Array = parameter("part of the damping at the natural frequency that falls with speed", scale=0.5)
+    starts: ClassVar[tuple[dict[str, float], ...]] = either_side("share")
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        growth = self.share * (point.rotor.natural_frequency() / point.speed - 1.0)
+        return Matrices(path_damping=growth * diagonal(point.rotor.damping))
+
+
 class InternalDamping(MatrixEffect):
     """D += c_r (iω I + Ω J): damping that turns with the shaft; nothing on a circular 1X orbit."""
 
@@ -203,7 +221,10 @@ class Gyroscopic(MatrixEffect):
 
 
 class Foundation(SupportEffect):
-    """Per axis S -> (S⁻¹ + F⁻¹)⁻¹ with F = k_f - ω²m_f + iωc_f, that is k_f (1 - ω²/ω_f² + 2iζ_f ω/ω_f).
+    """Per axis S -> (S⁻¹ + F⁻¹)⁻¹, S the stiffness of shaft and bearings, with F = k_f - ω²m_f + iωc_f, that is
+    k_f (1 - ω²/ω_f² + 2iζ_f ω/ω_f).
+
+    The damping of the rotor acts against the ground, not against the foundation.
 
     Parameters are 1/k_f, ln(ω_f/ω_n) and ln(ζ_f/0.05): two more degrees of freedom in time.
     """

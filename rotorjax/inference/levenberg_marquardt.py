@@ -79,6 +79,11 @@ class Descent:
         """Whether a step was seen whose motions balance: from where a descent begins too little may be promised."""
         return self.settled and self.since > 1
 
+    @property
+    def point_is_linear(self) -> bool:
+        """Whether there are no motions to be found."""
+        return self.trial.motions is None
+
     def promises_no_less_than(self, cost: float) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
         much, as a rule. Where motions did not come to balance in several steps, or were brought to it far from an
@@ -86,6 +91,8 @@ class Descent:
         """
         if self.since > PATIENCE or (self.early and self.under_way):
             return self.foreseen > max(cost, STAYS * self.cost)
+        if self.point_is_linear:
+            return self.under_way and self.foreseen > max(cost, STAYS * self.cost)
         return self.under_way and self.foreseen > cost
 
     def seems_no_less_than(self, cost: float) -> bool:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from rotorjax.data.odd_runs import ABOUT_WEIGHTS
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.explanation import Explanation
-from rotorjax.discovery.fit import NO_UNIT
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.probable import CREDIBLE, credible
 from rotorjax.discovery.ranking import DETECTED, Ranked
@@ -52,7 +52,7 @@ def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     """What would balance the rotor, where an unbalance was found."""
     open_names = {name for group in found.ties.groups() for names in group for name in names}
     doubt = ", if it is an unbalance indeed" if "residual_unbalance" in open_names else ""
-    if NO_UNIT in found.objections:
+    if any(ABOUT_WEIGHTS in words for words in found.objections):
         doubt = ", if the installed weights are as stated"
     if found.verdict == "unexplained":
         doubt = (

@@ -17,6 +17,7 @@ PLAIN = {
     "probe_angle": "probe angle error",
     "chain_gain": "chain gain error",
     "speed_dependent_stiffness": "speed-dependent stiffness",
+    "speed_dependent_damping": "speed-dependent damping",
 }
 """Plain names that are not the identifier with spaces."""
 

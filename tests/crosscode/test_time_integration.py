@@ -42,6 +42,12 @@ def stiffening(speed: float) -> TimeRotor:
     )
 
 
+def losing_damping(speed: float) -> TimeRotor:
+    """The force of a loss factor beside viscous damping."""
+    viscous, structural = 0.4, 0.6 * OMEGA_N / speed
+    return dataclasses.replace(PLAIN, damping=tuple(c * (viscous + structural) for c in DAMPING))
+
+
 CASES = {
     "residual_unbalance": (effects.ResidualUnbalance(3e-6, -5e-6), scaled(unbalance=UNBALANCE + 3e-6 - 5e-6j)),
     "residual_bow": (effects.ResidualBow(4e-6, 7e-6), scaled(bow=BOW + 4e-6 + 7e-6j)),
@@ -62,6 +68,7 @@ CASES = {
     "stiffness_axes": (effects.StiffnessAxes(0.4), scaled(axes=0.4)),
     "cross_coupling": (effects.CrossCoupling(900.0), scaled(cross=900.0)),
     "speed_dependent_stiffness": (effects.SpeedDependentStiffness(0.04, -0.03), stiffening),
+    "speed_dependent_damping": (effects.SpeedDependentDamping(0.6), losing_damping),
     "internal_damping": (effects.InternalDamping(6.0), scaled(internal=6.0)),
     "gyroscopic": (effects.Gyroscopic(0.06), scaled(gyroscopic=0.06)),
     "foundation": (effects.Foundation(3e-6, 0.3, 0.2), scaled(foundation=foundation_of(3e-6, 0.3, 0.2))),
@@ -153,7 +160,7 @@ def test_all_effects_together_with_a_probe_on_the_foundation():
     in_time = TimeRotor(
         mass=MASS * 1.07,
         stiffness=(STIFFNESS[0] * (1 + 0.05 + 0.04 * growth), STIFFNESS[1] * (1 - 0.08 - 0.03 * growth)),
-        damping=(DAMPING[0] * np.exp(0.3), DAMPING[1] * np.exp(-0.5)),
+        damping=tuple(c * (np.exp(e) + 0.6 * (OMEGA_N / true - 1)) for c, e in zip(DAMPING, (0.3, -0.5), strict=True)),
         axes=0.4, cross=900.0, internal=6.0, gyroscopic=0.06, foundation=foundation_of(3e-6, 0.3, 0.2),
         unbalance=UNBALANCE + 3e-6 - 5e-6j, bow=BOW + 4e-6 + 7e-6j + (20e-6 - 10e-6j) * growth,
         force_1=0.3 - 0.2j, force_2=(0.5 + 0.1j, -0.4 + 0.25j),

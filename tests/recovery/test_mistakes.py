@@ -29,7 +29,7 @@ from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
 from rotorjax.discovery.contest import Contender, Contest, make_contest
 from rotorjax.discovery.race import race
-from rotorjax.discovery.screening import Change, as_large_as_read, as_stated, beside_forces_of, of_what_fails
+from rotorjax.discovery.screening import Change, as_large_as_read, as_stated, beside_forces_of, of_what_fails, screen
 from rotorjax.discovery.search import begin, wide_noise, with_set
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import largest_displacement

@@ -20,8 +20,8 @@ TRIALS = {"baseline": 0j, "trial-a": 60e-6 + 0j, "trial-b": 60e-6 * np.exp(2.1j)
 """kg m."""
 ONLY = ("residual_unbalance", "chain_gain", "phase_reference_offset", "stiffness_error", "residual_bow")
 KINDS = (
-    "run_unbalance", "run_phase", "run_amplitude", "run_speed", "run_probes_exchanged", "trial_weight_absent",
-    "trial_weight_opposite",
+    "run_unbalance", "run_bow", "run_phase", "run_amplitude", "run_speed", "run_probes_exchanged",
+    "trial_weight_absent", "trial_weight_opposite",
 )  # fmt: skip
 
 
@@ -161,3 +161,17 @@ def test_what_is_other_in_one_run_is_fitted_by_hand(known):
     assert story.last.rms < 0.5e-6
     assert not known or story.last.reduced_chi2 < 1.3
     assert "g mm at 217°" in story.mistake.meaning
+
+
+@pytest.mark.campaign
+def test_a_bow_of_one_run_is_named():
+    model, m = measured({})
+    bow = 12e-6 * np.exp(0.5j)
+    there = np.where((m.run == 2)[:, None], [bow.real, bow.imag], 0.0)
+    full = model + effects.ResidualUnbalance(RESIDUAL.real, RESIDUAL.imag)
+    z = np.asarray(response(full, Conditions(m.conditions.speed, m.conditions.unbalance, there)))
+    rng = np.random.default_rng(9)
+    z = z + 0.3e-6 * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    found = answer((model, Measurement.from_arrays(z, m.conditions, run=m.run, runs=m.runs, sigma=0.3e-6)))
+    assert (found.verdict, found.named) == ("explained", ("run_bow.trial-b", "residual_unbalance"))
+    assert "a bow of 1" in found.mistake.meaning
