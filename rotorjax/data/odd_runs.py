@@ -25,6 +25,8 @@ from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 LEAST_RUNS = 3
 """Of two runs either may be the odd one."""
+MOST_NOISE = 0.02
+"""Of the vectors, what an unknown noise may be where influence coefficients leave as much."""
 HALVED = 0.5
 """Of what influence coefficients leave of all runs, the share that they leave at most without the odd one."""
 USUAL, NEAR_USUAL = (2.0, math.sqrt(2.0), 2.0 * math.sqrt(2.0), MIL), 0.02
@@ -46,10 +48,8 @@ class Value(NamedTuple):
 
 
 def odd_runs(model: Model, m: Measurement, kinds: Collection[str] = KINDS) -> list[Mistake]:
-    """What may be other in one run, of those runs without which influence coefficients hold much better; nothing
-    where the noise is unknown.
-    """
-    if len(m.runs) < LEAST_RUNS or m.sigma is None:
+    """What may be other in one run, of those runs without which influence coefficients hold much better."""
+    if len(m.runs) < LEAST_RUNS:
         return []
     return [mistake for run in _odd_ones(m) for mistake in _of_run(model, m, run) if mistake.kind in kinds]
 
@@ -60,9 +60,10 @@ def every_odd_run(model: Model, m: Measurement, kinds: Collection[str] = KINDS) 
 
 
 def _odd_ones(m: Measurement) -> list[int]:
-    """The runs without which the least is left; none where the noise is all that is."""
-    total, numbers = beside_influence(m), np.count_nonzero(m.weights(0.0))
-    if total <= numbers:
+    """The runs without which the least is left; none where the noise is all that is, or where it is unknown and may be."""
+    total = beside_influence(m)
+    noise = 1.0 if m.sigma is not None else MOST_NOISE
+    if total <= noise**2 * np.count_nonzero(m.weights(0.0 if m.sigma is not None else m.rms)):
         return []
     left = {
         run: beside_influence(dataclasses.replace(m, present=m.present & (m.run != run)[:, None, None]))

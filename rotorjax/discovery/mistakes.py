@@ -31,9 +31,14 @@ from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.screening import Change, Screened, as_stated, of_what_fails, screen
 from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, wide_noise, with_set
 from rotorjax.discovery.ties import settled
-from rotorjax.inference.noise import NO_NOISE
+from rotorjax.inference.descent import Start
+from rotorjax.inference.noise import Noise
 from rotorjax.model.contract import Effect, Family
 
+FAR_LESS = 0.1
+"""Of what linear effects leave with what is stated, the cost that they leave at most with a change that is searched
+first, where the noise is unknown.
+"""
 OF_WHAT_IS_STATED = 0.6
 """Share of the linearisations left for what is stated where the rotor may have another weight, or the noise is unknown.
 """
@@ -64,7 +69,7 @@ def race_of_mistakes(
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
     doubts = Doubts(contest, beginning.changes, beginning.screened, stated, most, always, progress, None, of_readings)
     found = None
-    if stated and beginning.ahead:
+    if beginning.ahead:
         found, doubts = _without_what_is_stated(begun, stated, beginning.ahead, doubts)
         if found and found.best.mistake is not None:
             return found
@@ -132,10 +137,9 @@ def _begun(contest: Contest, changes: list[Change], of_readings: float, most: in
     that some are wrong; zero if they may not be.
     """
     if contest.measurement.sigma is None:
-        if of_readings > 0.0:
-            level = screen(Change(None, contest), wide_noise(contest.measurement))
-            changes = [*changes, *doubtful_readings(level, of_readings)]
-        return _Beginning(begin(contest, progress=progress), changes)
+        level = screen(Change(None, contest), wide_noise(contest.measurement))
+        changes = [*changes, *(doubtful_readings(level, of_readings) if of_readings > 0.0 else [])]
+        return _Beginning(begin(contest, progress=progress), changes, ahead=_ahead_of(level, changes))
     stated = as_stated(contest)
     begun = begin(dataclasses.replace(contest, linear_may_hold=stated.may_hold), progress=progress)
     if stated.holds or begun.holds:
@@ -159,6 +163,15 @@ def _begun(contest: Contest, changes: list[Change], of_readings: float, most: in
         known = {**begun.known, **begun.quiet_race.contenders}
         begun = begin(dataclasses.replace(contest, linear_may_hold=True), known=known, progress=progress)
     return _Beginning(begun, changes, better, screened, ahead)
+
+
+def _ahead_of(level: Screened, changes: list[Change]) -> list[Screened]:
+    """What may be other in one run, or in single readings, without which linear effects leave far less than with what
+    is stated, the nearest first; of an unknown noise. **Arguments:** ``level``: what is stated under a wide noise.
+    """
+    noise = wide_noise(level.change.contest.measurement)
+    fitted = [screen(one, noise) for one in changes if one.of_part]
+    return sorted((one for one in fitted if one.end.cost < FAR_LESS * level.end.cost), key=lambda one: one.cost)
 
 
 def _odds_of_readings(changes: list[Change]) -> float:
@@ -232,7 +245,7 @@ def _with_its_ties(own: Answer, catalog: Mapping[str, type[Effect]], progress: P
 
 
 def _without_what_is_stated(
-    begun: SearchStart, stated: Screened, ahead: list[Screened], doubts: Doubts
+    begun: SearchStart, stated: Screened | None, ahead: list[Screened], doubts: Doubts
 ) -> tuple[MistakeRace | None, Doubts]:
     """Changes with which effects leave far less than with what is stated, or hold within the noise where they do not:
     if one of them leads to an answer that holds, what is stated is searched last, with as many linearisations, for a
@@ -246,10 +259,13 @@ def _without_what_is_stated(
     before = budget.spent
     with budget.share(budget.left / 2):
         first = searched(nearest, most, progress)
-    if first is None or first.misfit > 0.0:
+    if first is None or misses(first):
         return None, doubts if first is None or first.cut_off else doubts._replace(missed=first)
-    took = budget.spent - before
-    found, cut_off = with_near(first, near_changes(first, stated, others, NO_NOISE), NO_NOISE, most, progress)
+    took, noise = budget.spent - before, Noise(first.misfit)
+    if stated is None:
+        others = [screen(one.change, noise, starts=[Start.at(one.end)]) for one in others]
+        stated = screen(Change(None, begun.contest), noise)
+    found, cut_off = with_near(first, near_changes(first, stated, others, noise), noise, most, progress)
     with budget.share(took):
         own = Answer.of(None, select(begun, most, progress=progress), cut_off=budget.exhausted)
     return doubts.ranked([*found, own], cut_off), doubts

@@ -54,6 +54,11 @@ class Change(NamedTuple):
         return self.mistake is not None and self.mistake.kind in OF_WEIGHT
 
     @property
+    def of_part(self) -> bool:
+        """Whether it concerns one run, or single readings, and leaves all others as they are."""
+        return self.of_readings or (self.mistake is not None and self.mistake.kind.startswith("run_"))
+
+    @property
     def of_readings(self) -> bool:
         """Whether single readings are wrong."""
         return self.mistake is not None and self.mistake.kind == WRONG
