@@ -60,7 +60,7 @@ def every_odd_run(model: Model, m: Measurement, kinds: Collection[str] = KINDS) 
 
 
 def _odd_ones(m: Measurement) -> list[int]:
-    """The runs without which the least is left; none where the noise is all that is, or where it is unknown and may be."""
+    """The runs without which the least is left; none where noise is all that is, or may be where it is unknown."""
     total = beside_influence(m)
     noise = 1.0 if m.sigma is not None else MOST_NOISE
     if total <= noise**2 * np.count_nonzero(m.weights(0.0 if m.sigma is not None else m.rms)):
