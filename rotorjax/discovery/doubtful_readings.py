@@ -6,7 +6,7 @@ from jaxtyping import Float
 from rotorjax.data.wrong_readings import MOST_WRONG, Cell, log_odds_of, wrong_readings
 from rotorjax.discovery.contest import Contender, Contest
 from rotorjax.discovery.race import race
-from rotorjax.discovery.screening import HALVED, Change, Screened, screen, under_table_noise
+from rotorjax.discovery.screening import FAR_LESS, HALVED, Change, Screened, screen, under_table_noise
 from rotorjax.discovery.search import wide_noise
 
 TRIED = 3
@@ -16,26 +16,28 @@ SINGULAR = 1e-9
 
 
 def doubtful_readings(level: Screened, odds: float) -> list[Change]:
-    """Changes by which readings are wrong, one after another, as long as each halves what all linear effects leave
-    beside. Where the noise is known, up to those with which they hold within it, and the first by itself.
+    """Changes by which the fewest readings are wrong with which all linear effects hold within the noise, or leave far
+    less where it is unknown; each has to halve what they leave. A force that acts at few speeds may do as much to one
+    reading, so that what does not get there is left to the effects.
 
     **Arguments:** ``level``: all linear effects beside what is stated, under a wide noise; ``odds`` beforehand of the
     kind of mistake.
     """
-    contest, cells, found = level.change.contest, tuple[Cell, ...](), list[Change]()
+    contest, cells, enough = level.change.contest, tuple[Cell, ...](), FAR_LESS * level.end.cost
     noise, known = wide_noise(contest.measurement), contest.measurement.sigma is not None
     while len(cells) < MOST_WRONG:
         without = {cell: screen(_change(contest, (*cells, cell), odds), noise) for cell in _most_gained(level)}
         near = {cell: one for cell, one in without.items() if one.end.cost < HALVED * level.end.cost}
         if not near:
             break
-        held = [one.change for one in near.values() if known and under_table_noise(one).holds]
+        held = [
+            one.change for one in near.values() if (under_table_noise(one).holds if known else one.end.cost < enough)
+        ]
         if held:
-            return [*found, *held]
+            return held
         nearest = min(near, key=lambda cell: near[cell].end.cost)
         cells, level = (*cells, nearest), near[nearest]
-        found += [level.change] if not known or len(cells) == 1 else []
-    return found
+    return []
 
 
 def doubtful_beside(contest: Contest, answer: Contender, odds: float) -> list[Screened]:

@@ -28,17 +28,13 @@ from rotorjax.discovery.common_noise import under_table_noise
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.doubtful_readings import doubtful_readings
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.screening import Change, Screened, as_stated, of_what_fails, screen
+from rotorjax.discovery.screening import FAR_LESS, Change, Screened, as_stated, of_what_fails, screen
 from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, wide_noise, with_set
 from rotorjax.discovery.ties import settled
 from rotorjax.inference.descent import Start
 from rotorjax.inference.noise import Noise
 from rotorjax.model.contract import Effect, Family
 
-FAR_LESS = 0.1
-"""Of what linear effects leave with what is stated, the cost that they leave at most with a change that is searched
-first, where the noise is unknown.
-"""
 OF_WHAT_IS_STATED = 0.6
 """Share of the linearisations left for what is stated where the rotor may have another weight, or the noise is unknown.
 """

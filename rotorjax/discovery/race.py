@@ -19,6 +19,8 @@ from rotorjax.inference.stable import cost_of_stability
 
 MOST_PARENTS = 2
 """Known neighbours of a set of effects whose optima its starts come from."""
+STRENGTHS = (1.0, 3.0, 1.0 / 3.0)
+"""Of a force in the place of one that contains it, in those of that one, with which it begins."""
 NOISE_FALL = 0.5
 """What is left of the noise from which on nonlinear forces begin at measured motions, too."""
 WORTH_TRYING = 40.0
@@ -85,6 +87,18 @@ def _special_cases(contest: Contest, sets: Iterable[Effects], known: Known, nois
                     end = other.best._replace(point=_as_special_case(contest, other.best.point, name, general))
                     found[effects] = Contender(effects, (end,), -math.inf, noise)
     return found
+
+
+def of_other_strengths(contest: Contest, winner: Contender, effects: Effects) -> Contender:
+    """Where to begin with a special case of one effect of a winner: as strong as that effect is there, and stronger and
+    weaker, for a stop has optima at several stiffnesses.
+    """
+    (general,), (name,) = winner.effects - effects, effects - winner.effects
+    point = _as_special_case(contest, winner.best.point, name, general)
+    strength = contest.only_of([name]) & (np.asarray(contest.space.strength) >= 0)
+    points = [np.where(strength, by * point, point) for by in STRENGTHS]
+    ends = tuple(winner.best._replace(point=there, exact=False) for there in points)
+    return Contender(effects, ends, -math.inf, winner.noise)
 
 
 def _below_larger(contest: Contest, sets: Iterable[Effects], known: Known, noise: Noise) -> Known:

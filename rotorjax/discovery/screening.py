@@ -28,6 +28,8 @@ HALVED = 0.5
 not hold within the noise. Without a mistake the best of 20 changes left 0.84 of the cost beside drawn nonlinear
 forces; mistakes left 0.03 to 0.07.
 """
+FAR_LESS = 0.1
+"""The same of what concerns one run or single readings, where the noise is unknown."""
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
 BESIDE_FORCES = QUICK._replace(most_steps=16, rescan=False)

@@ -10,7 +10,7 @@ import numpy as np
 from rotorjax.arrays import numpy_pair
 from rotorjax.data.measurement import is_half_order
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
-from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, race
+from rotorjax.discovery.race import WORTH_TRYING, anew, contender_of, of_other_strengths, race
 from rotorjax.discovery.ranking import PRICE
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import Selection, with_answer
@@ -147,7 +147,8 @@ def swap_each(contest: Contest, selection: Selection, noise: Noise) -> Swapped:
         for effects in sets
         if contest.is_special_case(effects - answer, frozenset({gone}))
     ]
-    found.update(race(contest, noise, special, {**selection.known, **found}))
+    also = {effects: of_other_strengths(contest, winner, effects) for effects in special}
+    found.update(race(contest, noise, special, {**selection.known, **found}, also=also))
     return Swapped(noise, winner, swaps, found)
 
 

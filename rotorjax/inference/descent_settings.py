@@ -9,8 +9,8 @@ FIRST_DAMPING = 1e-3
 CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF, LEFT_BEHIND = 0, 1, 2, 3, 4
 RESULT_TEXT = {
     CONVERGED: "converged",
-    MAX_STEPS: "stopped at the step limit: the data hardly determine some parameter; give it a value, or a tighter "
-    "prior",
+    MAX_STEPS: "stopped at the step limit: values may still move within their intervals; where the data hardly "
+    "determine one, give it a value, or a tighter prior",
     CUT_OFF: "stopped where the linearisations allowed were spent",
     LEFT_BEHIND: "stopped where other starts or effects did better by far",
     NOT_FINITE: "not finite at the start: check the rig file's mass, stiffness and damping, and the table's sigma",
