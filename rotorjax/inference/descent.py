@@ -26,6 +26,8 @@ from rotorjax.inference.prior import Prior
 from rotorjax.inference.scan import scan
 from rotorjax.inference.space import Space
 
+MANY = 5
+"""Descents of one fit from which on it has many optima, as a foundation has by its natural frequency."""
 HOPELESS = 300.0
 """Cost above the best known of the same cases with which a descent does not go on, once its motions balance."""
 
@@ -250,7 +252,7 @@ class _Rivals(NamedTuple):
             most = min([hopeless, *(d.cost + HOPELESS for own in fits for d in own if d.settled)])
             for own in fits:
                 for one in own:
-                    if not one.done and one.promises_no_less_than(most):
+                    if not one.done and one.promises_no_less_than(most, among_many=len(own) >= MANY):
                         one.give_up(LEFT_BEHIND)
                 _balance_best(own, most)
                 _join(own)

@@ -79,19 +79,15 @@ class Descent:
         """Whether a step was seen whose motions balance: from where a descent begins too little may be promised."""
         return self.settled and self.since > 1
 
-    @property
-    def point_is_linear(self) -> bool:
-        """Whether there are no motions to be found."""
-        return self.trial.motions is None
-
-    def promises_no_less_than(self, cost: float) -> bool:
+    def promises_no_less_than(self, cost: float, *, among_many: bool = False) -> bool:
         """Whether even a step without damping promises no cost of the data below one: near balance it promises too
         much, as a rule. Where motions did not come to balance in several steps, or were brought to it far from an
-        optimum, a step that promises to halve the cost is waited for.
+        optimum, a step that promises to halve the cost is waited for; likewise where there are no motions, but many
+        starts, for optima are many then. **Arguments:** ``among_many`` descents of its fit.
         """
         if self.since > PATIENCE or (self.early and self.under_way):
             return self.foreseen > max(cost, STAYS * self.cost)
-        if self.point_is_linear:
+        if among_many and self.trial.motions is None:
             return self.under_way and self.foreseen > max(cost, STAYS * self.cost)
         return self.under_way and self.foreseen > cost
 
