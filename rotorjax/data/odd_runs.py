@@ -118,13 +118,8 @@ def _unbalance(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, 
 
 def _bow(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, partial[Stated]]:
     added, name = np.array([x.value, y.value]), m.runs[run]
-    error = math.hypot(x.error, y.error) / math.sqrt(2.0) / MICROMETRE
-    size = _with_error(float(np.hypot(*added)) / MICROMETRE, error)
-    angle = math.degrees(math.atan2(y.value, x.value)) % 360.0
-    meaning = (
-        f"a bow of {size} µm at {angle:.0f}° (from +x in the sense of rotation) bent the shaft in run {name} and in no "
-        "other"
-    )
+    bow = _vector(added, x, y, unit=MICROMETRE, words="µm")
+    meaning = f"a bow of {bow} (from +x in the sense of rotation) bent the shaft in run {name} and in no other"
     cure = f"[runs.{name}] bow: state it, or measure the run again with the shaft as straight as in the others"
     return meaning, cure, partial(_with_bow_added, run=run, added=added)
 
@@ -210,11 +205,11 @@ def as_other_weights(model: Model, measurement: Measurement) -> str | None:
     )
 
 
-def _vector(pair: Pair, *errors: Value) -> str:
+def _vector(pair: Pair, *errors: Value, unit: float = GRAM_MILLIMETRE, words: str = "g mm") -> str:
     """Size and angle, with the standard error of the size."""
-    size, angle = float(np.hypot(*pair)) / GRAM_MILLIMETRE, math.degrees(math.atan2(pair[1], pair[0])) % 360.0
-    error = math.hypot(*(one.error for one in errors)) / math.sqrt(2.0) / GRAM_MILLIMETRE if errors else 0.0
-    return f"{_with_error(size, error)} g mm at {angle:.0f}°"
+    size, angle = float(np.hypot(*pair)) / unit, math.degrees(math.atan2(pair[1], pair[0])) % 360.0
+    error = math.hypot(*(one.error for one in errors)) / math.sqrt(2.0) / unit if errors else 0.0
+    return f"{_with_error(size, error)} {words} at {angle:.0f}°"
 
 
 def _with_error(value: float, error: float) -> str:

@@ -14,7 +14,7 @@ from rotorjax.arrays import require_float64
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
-from rotorjax.data.odd_runs import as_other_weights
+from rotorjax.data.odd_runs import ABOUT_WEIGHTS, as_other_weights
 from rotorjax.data.pairing import paired
 from rotorjax.data.wrong_readings import WRONG
 from rotorjax.discovery.cancelling import cancelling
@@ -60,7 +60,7 @@ RUNS_DIFFER = (
     "the runs differ from one another by {} % of what was measured: check their weights, phase reference and amplitudes"
 )
 NO_UNIT = (
-    "readings are off by a factor that is not that of a unit: installed weights that are off by it would do the same "
+    f"readings are off by a factor that is not that of a unit: {ABOUT_WEIGHTS} that are off by it would do the same "
     "(their mass for g mm?), and the correction with them"
 )
 """What is said of a larger one."""

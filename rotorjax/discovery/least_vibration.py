@@ -31,7 +31,9 @@ class Together(NamedTuple):
 
 
 def excites_at_1x(fitted: Fit) -> tuple[str, ...]:
-    """Effects fitted that excite the rotor at 1X, the residual unbalance among them."""
+    """Effects fitted that excite the rotor at 1X, the residual unbalance among them; none where 1X was not measured."""
+    if 1.0 not in fitted.model.layout.orders:
+        return ()
     names = dict.fromkeys(e.entry.effect for e in fitted.estimates)
     of_planes = PlaneParticipation.name
     return tuple(name for name in names if isinstance(fitted.model.find(name), ExcitationEffect) and name != of_planes)

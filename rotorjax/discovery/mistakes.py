@@ -63,7 +63,9 @@ def race_of_mistakes(
     begun, stated = beginning.search, beginning.stated
     if not (beginning.changes or of_readings):
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
-    doubts = Doubts(contest, beginning.changes, beginning.screened, stated, most, always, progress, None, of_readings)
+    doubts = Doubts(
+        contest, beginning.changes, beginning.screened, stated, most, always, progress, of_readings=of_readings
+    )
     found = None
     if beginning.ahead:
         found, doubts = _without_what_is_stated(begun, stated, beginning.ahead, doubts)
@@ -133,9 +135,7 @@ def _begun(contest: Contest, changes: list[Change], of_readings: float, most: in
     that some are wrong; zero if they may not be.
     """
     if contest.measurement.sigma is None:
-        level = screen(Change(None, contest), wide_noise(contest.measurement))
-        changes = [*changes, *(doubtful_readings(level, of_readings) if of_readings > 0.0 else [])]
-        return _Beginning(begin(contest, progress=progress), changes, ahead=_ahead_of(level, changes))
+        return _begun_without_noise(contest, changes, of_readings, progress)
     stated = as_stated(contest)
     begun = begin(dataclasses.replace(contest, linear_may_hold=stated.may_hold), progress=progress)
     if stated.holds or begun.holds:
@@ -159,6 +159,16 @@ def _begun(contest: Contest, changes: list[Change], of_readings: float, most: in
         known = {**begun.known, **begun.quiet_race.contenders}
         begun = begin(dataclasses.replace(contest, linear_may_hold=True), known=known, progress=progress)
     return _Beginning(begun, changes, better, screened, ahead)
+
+
+def _begun_without_noise(contest: Contest, changes: list[Change], of_readings: float, progress: Progress) -> _Beginning:
+    """The same where the noise is unknown."""
+    begun = begin(contest, progress=progress)
+    if of_readings == 0.0 and not any(one.of_part for one in changes):
+        return _Beginning(begun, changes)
+    level = screen(Change(None, contest), wide_noise(contest.measurement))
+    changes = [*changes, *(doubtful_readings(level, of_readings) if of_readings > 0.0 else [])]
+    return _Beginning(begun, changes, ahead=_ahead_of(level, changes))
 
 
 def _ahead_of(level: Screened, changes: list[Change]) -> list[Screened]:

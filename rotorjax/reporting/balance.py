@@ -68,11 +68,9 @@ def _together(fitted: Fit, unbalance: Fault, rig: Rig, measurement: Measurement)
     """What leaves least vibration against an unbalance and what else excites the rotor; of a linear rotor."""
     names = [name for name in excites_at_1x(fitted) if name != ResidualUnbalance.name]
     if not fitted.stage.space.is_linear_at(fitted.end.point):
-        why = (
-            f"No correction: beside a nonlinear force that against {said(names)} and the residual unbalance depends on "
-        )
         return Balance(
-            why_none=f"{why}the vibration; influence coefficients (`rotorjax diagnose`) correct what was read."
+            why_none=f"No correction: beside a nonlinear force that against {said(names)} and the residual unbalance "
+            "depends on the vibration; influence coefficients (`rotorjax diagnose`) correct what was read."
         )
     least = together(fitted, measurement.speed_cluster()[1], unbalance.freedom)
     whose = f"what {said(least.effects)} do together"
