@@ -45,6 +45,7 @@ DRAWN: dict[str, Sizes] = {
     "cross_coupling": Sizes((1.0, -1.0)),
     "speed_dependent_stiffness": Sizes((1.0, -1.0)),
     "speed_dependent_damping": Sizes((1.0,)),
+    "speed_dependent_cross_coupling": Sizes((1.0, -1.0)),
     "internal_damping": Sizes((1.0, 2.0)),
     "foundation": Sizes(
         tuple({"compliance_m_per_n": 1.0, "log_frequency": at, "log_damping": -1.0} for at in (-0.5, 0.5))

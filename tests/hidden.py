@@ -51,6 +51,7 @@ def hide(
         "speed_dependent_damping": lambda: {
             "damping": tuple(c * (1.0 + v[0] * (machine.frequency / speed - 1.0)) for c in rotor.damping)
         },
+        "speed_dependent_cross_coupling": lambda: {"cross": v[0] * growth},
         "internal_damping": lambda: {"internal": v[0]},
         "gyroscopic": lambda: {"gyroscopic": v[0]},
         "foundation": lambda: {"foundation": _foundation(machine, *v)},

@@ -32,11 +32,18 @@ def draw_machine(rng: np.random.Generator) -> hidden.Machine:
     )
 
 
+LEFT_OUT = {
+    "plane_participation", "misalignment", "sweep_rate",
+    # Came after the draw.
+    "speed_dependent_cross_coupling",
+}  # fmt: skip
+
+
 def draw_effects(rng: np.random.Generator, rotor: Jeffcott) -> dict[str, list[float]]:
     """None, one or two effects, each parameter a half to one and a half prior scales from its null."""
     # One plane, 1X only, steady speeds, and nothing that makes the orders depend on one another.
     coupled = {n for n, cls in CATALOG.items() if issubclass(cls, RestoringEffect | WaveformEffect)}
-    names = [n for n in CATALOG if n not in coupled | {"plane_participation", "misalignment", "sweep_rate"}]
+    names = [n for n in CATALOG if n not in coupled | LEFT_OUT]
     chosen = rng.choice(names, size=rng.choice([0, 1, 2], p=[0.1, 0.6, 0.3]), replace=False)
     drawn = {}
     for name in map(str, chosen):

@@ -298,7 +298,9 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 EFFECTS = tuple(name for names in FAMILIES.values() for name in names)
-"""All of the catalogue that show at steady speeds can be hidden, but speed_dependent_damping, which came after them."""
+"""All of the catalogue that show at steady speeds can be hidden, but speed_dependent_damping and
+speed_dependent_cross_coupling, which came after them.
+"""
 OUTSIDE = ("slider", "fifth_power", "late_force", "switched_stiffness", "cubic_drag")
 """Forces that the catalogue does not have."""
 WEIGHED = ("crack", "asymmetric_shaft")

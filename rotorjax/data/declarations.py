@@ -24,6 +24,7 @@ KINDS = (
     "rotation_reversed",
     "weight_angles_reversed",
     "phase_sign_reversed",
+    "phase_unit",
     "amplitude_halved",
     "amplitude_doubled",
     "amplitude_rms",
@@ -147,7 +148,7 @@ def amplitude_changes(stated: Amplitude | None) -> list[AmplitudeChange]:
 
 def mistakes(model: Model, measurement: Measurement, kinds: Collection[str] = KINDS) -> list[Mistake]:
     """All alternatives of some ``kinds`` to what a rig file and a table state that would change anything."""
-    makers = (_rotation, _angles, _phase, _amplitudes, _probes, _weight, _slow_roll, _runs, _weights_unit)
+    makers = (_rotation, _angles, _phase, _phase_unit, _amplitudes, _probes, _weight, _slow_roll, _runs, _weights_unit)
     return [mistake for make in makers for mistake in make(model, measurement) if mistake.kind in kinds]
 
 
@@ -210,6 +211,14 @@ def _phase(_: Model, m: Measurement) -> Iterator[Mistake]:
     if m.knowledge.amplitude is not None and np.any(np.imag(m.vectors[m.present])):
         meaning, cure = "phases lag where the rig file says lead, or the reverse", "[convention] phase: write the other"
         yield Mistake("phase_sign_reversed", (), meaning, cure, _with_other_phases)
+
+
+def _phase_unit(_: Model, m: Measurement) -> Iterator[Mistake]:
+    """Radians, where no phase is more than a turn of them."""
+    largest = float(np.max(np.abs(np.angle(m.vectors[m.present])), initial=0.0))
+    if m.knowledge.amplitude is not None and 0.0 < largest <= math.radians(math.tau):
+        meaning, cure = "phases are in radians, not in degrees", "the table: multiply phase_deg by 57.29578"
+        yield Mistake("phase_unit", (), meaning, cure, _with_phases_of_radians)
 
 
 def _amplitudes(_: Model, m: Measurement) -> Iterator[Mistake]:
@@ -311,6 +320,11 @@ def _with_other_angles(model: Model, m: Measurement) -> Stated:
 
 def _with_other_phases(model: Model, m: Measurement) -> Stated:
     return model, dataclasses.replace(m, vectors=np.conj(m.vectors))
+
+
+def _with_phases_of_radians(model: Model, m: Measurement) -> Stated:
+    turned = np.abs(m.vectors) * np.exp(1j * np.degrees(np.angle(m.vectors)))
+    return model, dataclasses.replace(m, vectors=turned)
 
 
 def _read_in_scale(model: Model, m: Measurement, *, factor: float, of_mean: float) -> Stated:

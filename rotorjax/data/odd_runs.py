@@ -31,6 +31,8 @@ HALVED = 0.5
 """Of what influence coefficients leave of all runs, the share that they leave at most without the odd one."""
 USUAL, NEAR_USUAL = (2.0, math.sqrt(2.0), 2.0 * math.sqrt(2.0), MIL), 0.02
 """Factors between kinds and units of amplitudes, and how near one is to them."""
+CLOSE = 3.0
+"""Standard errors within which an unbalance is another run's weight."""
 EXCHANGED = "run_probes_exchanged"
 """Of two probes the cables of one run."""
 ABOUT_WEIGHTS = "installed weights"
@@ -107,13 +109,23 @@ def _unbalance(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, 
     added, name = np.array([x.value, y.value]), m.runs[run]
     stated = np.asarray(m.conditions.unbalance)[int(np.argmax(m.run == run))]
     corrected = partial(_with_unbalance_added, run=run, added=added)
-    where = "counted from +x in the sense of rotation"
+    where = f"counted from +x in the sense of rotation{_left_in(m, run, added, math.hypot(x.error, y.error))}"
     if len(stated) == 1 and np.any(stated):
         acted = f"acted as {_vector(stated[0] + added, x, y)} where {_vector(stated[0])} is stated"
         cure = f"[runs.{name}]: check mass, radius and place of its weight"
         return f"the weight of run {name} {acted} ({where})", cure, corrected
     meaning = f"an unbalance of {_vector(added, x, y)} that is not stated acted in run {name} ({where})"
     return meaning, f"[runs.{name}]: a weight was lost, added or moved; state it there", corrected
+
+
+def _left_in(m: Measurement, run: int, added: Pair, error: float) -> str:
+    """That the weight of another run was left in, if an unbalance is that weight."""
+    for other in np.flatnonzero(np.arange(len(m.runs)) != run):
+        weight = np.asarray(m.conditions.unbalance)[int(np.argmax(m.run == other))][0]
+        size = float(np.linalg.norm(weight))
+        if size > 0.0 and np.linalg.norm(added - weight) < max(CLOSE * error, NEAR_USUAL * size):
+            return f"; it is as if the weight of run {m.runs[other]} had been left in"
+    return ""
 
 
 def _bow(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, partial[Stated]]:
@@ -172,6 +184,18 @@ def _is_usual(mistake: Mistake) -> bool:
     return any(abs(factor / usual**power - 1.0) < NEAR_USUAL for usual in USUAL for power in (1, -1))
 
 
+def weights_that_tell_amplitudes(model: Model, measurement: Measurement) -> Float[np.ndarray, "weight plane xy"]:
+    """The different weights that were installed, if they alone tell how large the vibration is [kg m]; none where an
+    installed bow, the sag or a nonlinear force does, too.
+    """
+    at = measurement.conditions
+    weights = np.unique(np.round(np.asarray(at.unbalance), 12), axis=0)
+    weights = weights[np.any(weights != 0.0, axis=(1, 2))]
+    sag = 0.0 in measurement.orders and np.any(np.asarray(model.rotor.gravity))
+    told = np.any(np.asarray(at.bow)) or sag or is_coupled(model)
+    return weights[:0] if told else weights
+
+
 def as_other_weights(model: Model, measurement: Measurement) -> str | None:
     """The weights that would do what a common gain and phase of everything read does: the vectors change with c w, w a
     weight and c gain and phase, and unbalance and bow are not known beforehand. One weight may be another by c; several
@@ -179,22 +203,20 @@ def as_other_weights(model: Model, measurement: Measurement) -> str | None:
 
     None where something else tells the two apart: an installed bow, the sag, a nonlinear force.
     """
-    at = measurement.conditions
-    weights = np.unique(np.round(np.asarray(at.unbalance), 12), axis=0)
-    weights = weights[np.any(weights != 0.0, axis=(1, 2))]
-    sag = 0.0 in measurement.orders and np.any(np.asarray(model.rotor.gravity))
-    if not len(weights) or np.any(np.asarray(at.bow)) or sag or is_coupled(model):
+    weights = weights_that_tell_amplitudes(model, measurement)
+    if not len(weights):
         return None
     gain = model.find(ChainGain.name)
     factor = 1.0 if gain is None else 1.0 + complex(*map(float, gain.values()))
+    without_gain = abs(abs(factor) - 1.0) < NEAR_USUAL
+    factor *= float(model.probes.scale)
     if len(weights) > 1 or weights.shape[1] > 1:
-        if abs(abs(factor) - 1.0) < NEAR_USUAL:
+        if without_gain:
             return None
         return (
             f"{ABOUT_WEIGHTS} that are all {abs(factor):.3g} times as large as stated (their radius?) would do what "
             "a gain of the measuring chain does"
         )
-    factor *= float(model.probes.scale)
     if (offset := model.find(PhaseReferenceOffset.name)) is not None:
         factor *= np.exp(1j * float(offset.values()[0]))
     stated = complex(*weights[0, 0])

@@ -45,6 +45,10 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
         "damping over speed", "bearing damping over speed", "oil film", "fluid film",
         "journal bearing", "plain bearing",
     ),
+    "speed_dependent_cross_coupling": (
+        "annular seal", "pump seal", "wear ring", "balance piston", "seal whirl", "impeller-volute interaction",
+        "swirl", "seal",
+    ),
     "internal_damping": (
         "rotating damping", "hysteresis", "material damping", "shrink fit friction", "loose fit",
         "spline friction", "internal friction", "hysteresis whirl", "oil film", "fluid film", "journal bearing",

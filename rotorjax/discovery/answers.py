@@ -24,6 +24,8 @@ from rotorjax.inference.noise import Noise, is_large
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
+FOR_ONE_SET = 10_000
+"""Of the linearisations reserved, what the effects of the best may take beside what is stated."""
 
 
 class Answer(NamedTuple):
@@ -214,7 +216,7 @@ class Doubts(NamedTuple):
             self.progress("whether an entry of rig file or table is wrong")
             hopeless = _Reach.of(own, noise).hopeless
             answer = own.selection.known[own.selection.present]
-            screened = [screen(one, noise, starts=one.near(answer), hopeless=hopeless) for one in doubted]
+            screened = [screen(one, noise, starts=one.near(answer.best), hopeless=hopeless) for one in doubted]
         elif _has_a_force(own):
             # What linear effects leave beside a change says little of what they leave with a nonlinear force.
             known = {one.change.mistake for one in screened}
@@ -295,11 +297,12 @@ def _as_stated_too(found: list[Answer]) -> list[Answer]:
     """
     best = max(found, key=LEAD)
     effects, own = best.selection.present, next(one.selection for one in found if one.mistake is None)
-    if best.mistake is None or effects == own.present or own.contest.budget.exhausted:
+    if best.mistake is None or effects == own.present:
         return []
     answer = best.selection.known[effects]
     near, reach = answer._replace(foreseen=True), answer.best.cost + HOPELESS
-    fitted = race(own.contest, answer.noise, [effects], {**own.known, effects: near}, hopeless=reach)
+    with own.contest.budget.ahead(FOR_ONE_SET):
+        fitted = race(own.contest, answer.noise, [effects], {**own.known, effects: near}, hopeless=reach)
     there = fitted[effects]
     if not there.balanced:
         return []

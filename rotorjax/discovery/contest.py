@@ -114,6 +114,12 @@ class Contest:
         return self.measurement.sigma is not None and (self.floor == NO_NOISE or self.forces_in_floor)
 
     @cached_property
+    def shaped(self) -> Effects:
+        """Candidates with parameters that are a shape, not a strength."""
+        shaped = {e.name for e in self.space.model.effects if any(p.shape_only for p in e.parameters())}
+        return frozenset(shaped.intersection(self.candidates))
+
+    @cached_property
     def containing(self) -> dict[str, Effects]:
         """Of every nonlinear force those effects that it is with some of their parameters at zero: of a
         clearance the rub.

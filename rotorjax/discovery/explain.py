@@ -27,7 +27,7 @@ from rotorjax.discovery.own_effects import check_catalog
 from rotorjax.discovery.polished import fit_of, fits_of_steps
 from rotorjax.discovery.progress import Progress, ProgressReporter
 from rotorjax.discovery.screening import as_stated
-from rotorjax.discovery.search import Selection, begin, change_by, noise_size, select, with_set
+from rotorjax.discovery.search import Selection, begin, begin_beside, change_by, noise_size, select, with_set
 from rotorjax.discovery.story import Story, undriven_orders, without_orders
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
@@ -45,10 +45,12 @@ MOST_SEPARATED = 4
 
 LINEARISATIONS = 750_000
 """Single cases that an explanation may linearise."""
-FOR_THE_FORCE = 50_000
+FOR_THE_FORCE = 70_000
 """Of them kept for the force that is missing, where nothing explains, however long the search took."""
 FOR_THE_STEPS = 20_000
-"""Of these, what the fits of the steps may take where the limit of the search was reached."""
+"""Of these, what the fits of the steps may take where the limit of the search was reached; and what those with a
+mistake put right may.
+"""
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -76,8 +78,8 @@ def explain(  # noqa: PLR0913
     an effect of the measuring chain, which looks alike; ``only`` and ``exclude`` may name them; ``catalog``: effects
     by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
     count for the verdict, and the missing force, looked at where nothing explains and compared with what was found
-    elsewhere; ``limit``: single cases that may be linearised, the last 50,000 of them (a tenth at most) for the missing
-    force, and up to 20,000 of these for the fits that are shown; where it is reached the verdict is "undecided" or
+    elsewhere; ``limit``: single cases that may be linearised, the last 70,000 of them (a tenth at most) for the missing
+    force, and up to 40,000 of these for the fits that are shown; where it is reached the verdict is "undecided" or
     "unexplained", with what was not tried; ``progress``: called with a line of text at every stage, and while it goes
     on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
@@ -99,7 +101,8 @@ def explain(  # noqa: PLR0913
     stated = _as_stated(contest, full)
     written = race_of_mistakes(contest, kinds, max_effects, catalog, progress, always=mistakes is True)
     written = written._replace(ranked=tuple(answer.with_values() for answer in written.ranked))
-    right, selection = _as_done(full, written.best, candidates, catalog, progress)
+    with reporter.budget.ahead(FOR_THE_STEPS):
+        right, selection = _as_done(full, written.best, candidates, catalog, progress)
     return _answer(right, stated, written, selection, undriven, catalog, thorough, progress)
 
 
@@ -136,8 +139,13 @@ def _as_done(
     # to, and without those.
     model = reversed_rotation(model) if mistake.in_mirror else right
     own = make_contest(model, measurement, candidates, catalog, contest.budget)
-    begun, linear = begin(own, progress=progress), None if measurement.sigma is None else as_stated(own)
-    if linear is not None and linear.may_hold:
+    if selection.effects and not mistake.in_mirror:
+        effects, end = frozenset(selection.effects), selection.known[selection.present].best
+        point = np.where(own.free(effects), end.point, own.space.given_unknowns())
+        begun = begin_beside(own, effects, end._replace(point=point, exact=False), progress=progress)
+        return model, select(begun, selection.most, progress=progress)
+    begun = begin(own, progress=progress)
+    if measurement.sigma is not None and (linear := as_stated(own)).may_hold:
         begun = with_set(begun, selection.most, {linear.beside: linear.end})
     return model, select(begun, selection.most, progress=progress)
 

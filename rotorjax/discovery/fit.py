@@ -21,6 +21,7 @@ from rotorjax.discovery.cancelling import cancelling
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
+from rotorjax.effects.of_one_run import RunSpeed
 from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
@@ -69,6 +70,11 @@ SEVERAL_WRONG = (
     "they show"
 )
 """What is said where more than one reading is called wrong."""
+AS_STIFFNESS = (
+    "a shaft or support that was stiffer or softer in that run (temperature, bolts, preload of bearings), by twice the "
+    "percentage of its speeds, does nearly the same at 1X"
+)
+"""What is said where the speeds of one run are called other than stated."""
 NOT_STEADY = (
     "no steady motion was found with these values, so that the prediction is only to first order along the measured "
     "motion"
@@ -142,6 +148,8 @@ class Fit(Shown):
         chain = any(e.name in OF_THE_CHAIN for e in own) or (mistake is not None and mistake.of_amplitudes)
         if chain and (words := as_other_weights(self.model, self.stage.measurement)):
             spoken = (*spoken, words)
+        if mistake is not None and mistake.kind == RunSpeed.name:
+            spoken = (*spoken, AS_STIFFNESS)
         if mistake is not None and mistake.kind == WRONG and len(mistake.about) > 1:
             spoken = (*spoken, SEVERAL_WRONG)
         exciting = [e.name for e in own if isinstance(e, ExcitationEffect)]

@@ -110,7 +110,7 @@ def _below_larger(contest: Contest, sets: Iterable[Effects], known: Known, noise
         if effects & contest.coupled or not known[effects].balanced:
             continue
         for name in contest.candidates:
-            larger = known.get(effects | {name}) if name not in effects and name not in contest.coupled else None
+            larger = known.get(effects | {name}) if name not in effects else None
             if larger is None or not larger.fitted_under(noise) or not larger.balanced:
                 continue
             end, own = larger.best, np.isin(larger.best.free, np.flatnonzero(contest.only_of([name])))

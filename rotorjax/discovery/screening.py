@@ -16,7 +16,7 @@ from rotorjax.discovery.contest import FITS, Contender, Contest, Effects, Known
 from rotorjax.discovery.race import race
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.search import wide_noise
-from rotorjax.inference.data import largest_displacement
+from rotorjax.inference.data import declared_starts, largest_displacement
 from rotorjax.inference.descent import HOPELESS, End, Start, best_of, descend, starts_at
 from rotorjax.inference.descent_settings import CONVERGED, LEFT_BEHIND, MAX_STEPS, QUICK, DescentSettings
 from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, NO_NOISE, Noise
@@ -32,6 +32,8 @@ FAR_LESS = 0.1
 """The same of what concerns one run or single readings, where the noise is unknown."""
 BEGUN = QUICK._replace(most_steps=5)
 """How changes begin: what they leave after some steps is the order in which they go on."""
+MOST_SHAPED = 3
+"""Nearest changes that begin from the declared starts of effects with a shape, too."""
 BESIDE_FORCES = QUICK._replace(most_steps=16, rescan=False)
 """The same beside nonlinear forces, as many steps as motions need to balance: before, a cost says little.
 """
@@ -72,13 +74,13 @@ class Change(NamedTuple):
         space = dataclasses.replace(contest.space, model=model).with_uncertain(mistake.uncertain)
         return cls(mistake, dataclasses.replace(contest, space=space, measurement=measurement), odds)
 
-    def near(self, own: Contender) -> list[Start]:
-        """Where linear effects begin beside an answer: at what is given, and at that answer without errors of the
+    def near(self, own: End) -> list[Start]:
+        """Where linear effects begin beside where others ended: at what is given, and there without errors of the
         reading, as they may stand for the change.
         """
         space, given = self.contest.space, self.contest.space.given_unknowns()
         errors = space.only_of(e.name for e in space.model.effects if e.family == "reading")
-        kept = np.where(errors | self.contest.only_of(self.contest.costly), given, own.best.point)
+        kept = np.where(errors | self.contest.only_of(self.contest.costly), given, own.point)
         return starts_at(np.stack([given, kept] if np.any(kept != given) else [given]))
 
     def begun_from(self, level: "Screened", own: Contender) -> list[Start]:
@@ -337,14 +339,31 @@ def _not_behind(level: Screened, changes: list[Change]) -> list[Screened]:
     """
     wide, most = wide_noise(level.change.contest.measurement), level.end.cost + TIE
     enough = most / HALVED
-    begun = [screen(change, wide, settings=BEGUN, hopeless=enough) for change in changes]
+    begun = [screen(one, wide, starts=one.near(level.end), settings=BEGUN) for one in changes]
     fitted = list[Screened]()
     for one in sorted(begun, key=lambda one: one.end.cost):
         going_on = one.end.result != CONVERGED and one.end.steps == BEGUN.most_steps
         again = [Start.at(one.end)]
         fitted.append(screen(one.change, wide, starts=again, hopeless=enough) if going_on else one)
         enough = min(enough, fitted[-1].end.cost + HOPELESS)
-    return sorted((one for one in fitted if one.end.cost < most), key=lambda one: one.cost)
+    fitted = [one for one in fitted if one.end.cost < most]
+    near = sorted(fitted, key=lambda one: one.end.cost)[:MOST_SHAPED]
+    fitted = [_with_shapes(one, wide) if one in near else one for one in fitted]
+    return sorted(fitted, key=lambda one: one.cost)
+
+
+def _with_shapes(one: Screened, noise: Noise) -> Screened:
+    """A fit, or a better one from the declared starts of effects that have a shape, such as a foundation with its
+    natural frequency: at no strength no shape shows.
+    """
+    contest = one.change.contest
+    shaped = contest.only_of(contest.shaped - contest.costly)
+    if not np.any(shaped):
+        return one
+    declared = declared_starts(contest.space, shaped, contest.measurement)[1:]
+    starts = starts_at(np.where(shaped, declared, contest.space.given_unknowns()))
+    begun = screen(one.change, noise, starts=starts, settings=BEGUN, hopeless=one.end.cost / HALVED)
+    return min(one, screen(one.change, noise, starts=[Start.at(begun.end)]), key=lambda fit: fit.end.cost)
 
 
 def under_table_noise(rough: Screened, *, hopeless: float = math.inf) -> Screened:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
@@ -113,6 +114,18 @@ def with_set(
     behind = frozenset(e for e, c in begun.quiet_race.contenders.items() if c.best.result == LEFT_BEHIND)
     quiet = dataclasses.replace(quiet, cannot_hold=behind)
     return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=quiet_race.leader)
+
+
+def begin_beside(contest: Contest, effects: Effects, near: End, *, progress: Progress = lambda _: None) -> SearchStart:
+    """What `select` goes on from where effects were found under slightly different conditions, less those not needed
+    here. **Arguments:** ``near``: where they ended there.
+    """
+    progress(_beside(effects))
+    table: Known = {effects: Contender(effects, (near,), -math.inf, NO_NOISE, foreseen=True)}
+    there = settle(contest, [effects], table, wide_noise(contest.measurement))
+    table.update(there.contenders)
+    needed, noise = _pruned(contest, effects, NOTHING, table, there.noise)
+    return SearchStart(with_floor(contest, table[needed]), table, noise, QuietRace({}, None), needed)
 
 
 def _beside(present: Effects) -> str:

@@ -29,6 +29,7 @@ from rotorjax.effects.structure import Foundation as Foundation
 from rotorjax.effects.structure import Gyroscopic as Gyroscopic
 from rotorjax.effects.structure import InternalDamping as InternalDamping
 from rotorjax.effects.structure import MassError as MassError
+from rotorjax.effects.structure import SpeedDependentCrossCoupling as SpeedDependentCrossCoupling
 from rotorjax.effects.structure import SpeedDependentDamping as SpeedDependentDamping
 from rotorjax.effects.structure import SpeedDependentStiffness as SpeedDependentStiffness
 from rotorjax.effects.structure import StiffnessAxes as StiffnessAxes
@@ -49,6 +50,7 @@ _CLASSES: tuple[type[Effect], ...] = (
     CrossCoupling,
     SpeedDependentStiffness,
     SpeedDependentDamping,
+    SpeedDependentCrossCoupling,
     InternalDamping,
     Foundation,
     Gyroscopic,

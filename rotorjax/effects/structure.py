@@ -130,7 +130,7 @@ class CrossCoupling(MatrixEffect):
     source: ClassVar[str] = (
         "Alford, J. Eng. Power 87 (1965) 333-334; Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 1"
     )
-    relatives: ClassVar[tuple[str, ...]] = ("damping_error", "internal_damping")
+    relatives: ClassVar[tuple[str, ...]] = ("damping_error", "internal_damping", "speed_dependent_cross_coupling")
     cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
     starts: ClassVar[tuple[dict[str, float], ...]] = either_side("cross_stiffness_n_per_m")
 
@@ -178,6 +178,24 @@ class SpeedDependentDamping(MatrixEffect):
         return Matrices(path_damping=growth * diagonal(point.rotor.damping))
 
 
+class SpeedDependentCrossCoupling(MatrixEffect):
+    """D += k (Ω/ω_ref)² J, ω_ref the mean natural frequency: k grows with the pressure across a seal or impeller."""
+
+    name: ClassVar[str] = "speed_dependent_cross_coupling"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "force across the motion that grows with the square of speed: seals and impellers of pumps"
+    source: ClassVar[str] = "Childs, Turbomachinery Rotordynamics, Wiley 1993, chapter 4"
+    relatives: ClassVar[tuple[str, ...]] = ("cross_coupling", "internal_damping", "damping_error")
+    cross_stiffness_n_per_m: Array = parameter(
+        "cross-coupled stiffness k at the natural frequency", scale=0.02, of="stiffness"
+    )
+    starts: ClassVar[tuple[dict[str, float], ...]] = either_side("cross_stiffness_n_per_m")
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        growth = (point.speed / point.rotor.natural_frequency()) ** 2
+        return Matrices(stiffness=growth * self.cross_stiffness_n_per_m * point.whirl)
+
+
 class InternalDamping(MatrixEffect):
     """D += c_r (iω I + Ω J): damping that turns with the shaft; nothing on a circular 1X orbit."""
 
@@ -189,7 +207,7 @@ class InternalDamping(MatrixEffect):
     source: ClassVar[str] = (
         "Kimball, Gen. Electr. Rev. 27 (1924) 244-251; Genta, Dynamics of Rotating Systems, 2005, section 2.5"
     )
-    relatives: ClassVar[tuple[str, ...]] = ("cross_coupling", "damping_error")
+    relatives: ClassVar[tuple[str, ...]] = ("cross_coupling", "damping_error", "speed_dependent_cross_coupling")
     damping_n_s_per_m: Array = parameter("rotating damping c_r", scale=1.0, of="damping")
     starts: ClassVar[tuple[dict[str, float], ...]] = either_side("damping_n_s_per_m")
 
@@ -249,3 +267,6 @@ class Foundation(SupportEffect):
         each = self.compliance_m_per_n / (real**2 + imaginary**2)
         compliance = jax.lax.complex(each * real, -each * imaginary)
         return Support(compliance=jnp.stack([compliance, compliance]))
+
+    def objection(self, rotor: AbstractRotor) -> str | None:
+        return "has a negative stiffness" if float(self.compliance_m_per_n) < 0.0 else None

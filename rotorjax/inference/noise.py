@@ -29,6 +29,8 @@ FEW_RUNS = 4
 """Fewer runs say nothing useful about the scatter between runs."""
 LARGEST_HEALTHY_CHI2 = 1.5
 """Reduced chi-square up to which the noise of the table is taken to account for what is left."""
+BY_CHANCE = 3.0
+"""Standard deviations of chi-square that it may be above its mean by chance, where few data make that more."""
 NOISE_FLOOR = 1e-6
 """Least inferred standard error, relative to the measured rms: below it, rounding of the table decides."""
 LEAST_NOISE = 1e-12
@@ -279,8 +281,10 @@ def misfit_of(
     for _ in range(MOST_ROUNDS):
         common = of_runs.with_form(allowance)
         errors = _whitened(measurement, residual, allowance, common)
-        chi2 = float(errors @ errors) / max(1, len(errors) - fitted)
-        if allowance == floor.allowance and chi2 <= LARGEST_HEALTHY_CHI2:
+        freedom = max(1, len(errors) - fitted)
+        chi2 = float(errors @ errors) / freedom
+        healthy = max(LARGEST_HEALTHY_CHI2, 1.0 + BY_CHANCE * math.sqrt(2.0 / freedom))
+        if allowance == floor.allowance and chi2 <= healthy:
             break
         weight = measurement.weights(allowance)
         variance = 1.0 / float(np.mean(weight[weight > 0.0] ** 2))

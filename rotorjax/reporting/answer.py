@@ -1,6 +1,7 @@
 """The answer of an explanation in sentences: what is missing, how far the error falls, what is left, what ties."""
 
 from rotorjax.data.declarations import Mistake, amplitude_changes
+from rotorjax.data.odd_runs import weights_that_tell_amplitudes
 from rotorjax.discovery.bootstrap import UNEXPLAINED
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.discovery.ranking import is_detected, none_left
@@ -144,6 +145,9 @@ def _unexplained_why(found: Explanation) -> str:
 AS_IF = 1.5
 """Half widths of the 95 % interval within which a gain may be that of a wrong convention: three standard errors."""
 
+WELL_KNOWN = 0.05
+"""Standard error of a gain up to which a factor may be read from it."""
+
 
 def as_if_lines(found: Explanation) -> list[str]:
     """A gain of the chain that a wrong convention or unit would look like, and the reverse."""
@@ -151,9 +155,11 @@ def as_if_lines(found: Explanation) -> list[str]:
     if 0.0 in found.contest.measurement.orders:
         changes = [one for one in changes if one.mean_factor == one.factor]
     if found.mistake is not None:
+        weights = weights_that_tell_amplitudes(found.story.fits[-1].model, found.story.measurement)
         return [
-            f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too. Amplitudes here "
-            "are as the table states them."
+            f"A gain of all probes of {change.factor:.3g} would do the same: check scale factors too. "
+            + (f"So would installed weights all {change.factor:.3g} times as large as stated. " if len(weights) else "")
+            + "Amplitudes here are as the table states them."
             for change in changes
             if (change.kind, change.about) == (found.mistake.kind, found.mistake.about)
         ]
@@ -166,7 +172,7 @@ def as_if_lines(found: Explanation) -> list[str]:
         one
         for one in changes
         if all(
-            abs(value - there) <= AS_IF * fitted.quantile * part.standard_error
+            part.standard_error <= WELL_KNOWN and abs(value - there) <= AS_IF * fitted.quantile * part.standard_error
             for value, there, part in zip(gain, (one.factor, 0.0), parts, strict=True)
         )
     )

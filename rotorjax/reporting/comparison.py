@@ -80,7 +80,9 @@ def verdict(story: Story) -> str:
 def _remains(story: Story) -> str:
     chi2 = story.fits[-1].reduced_chi2
     if chi2 is None:
-        return "The noise is unknown, so that nothing says whether what is left is more than noise."
+        known = story.measurement.sigma is not None
+        why = "As many values were fitted as numbers were read" if known else "The noise is unknown"
+        return f"{why}, so that nothing says whether what is left is more than noise."
     if _healthy(chi2, story.last):
         return "What is left is what the noise allows."
     return f"What is left is more than noise: reduced chi² {number(chi2)} (1 = noise only)."

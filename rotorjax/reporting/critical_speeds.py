@@ -15,14 +15,19 @@ FAR = 100.0
 """Separation in percent, above the speeds, from which on it is told as a ratio."""
 
 
-def critical_speeds_lines(story: Story) -> list[str]:
-    """Critical speeds with what was added, and as declared where they differ; then stability, where it is at stake."""
+def critical_speeds_lines(story: Story, *, explains: bool = True) -> list[str]:
+    """Critical speeds with what was added, and as declared where they differ; then stability, where it is at stake.
+
+    **Arguments:** ``explains``: whether what was added leaves no more than the noise.
+    """
     after, before = story.lateral, story.lateral_declared
     differs = story.changed and _sentence(after) != _sentence(before)
     lines = [
         f"Critical speeds: {_sentence(after)}{f'; as declared {_sentence(before, short=True)}' if differs else ''}."
     ]
-    return [*lines, *([line] if (line := _stability_line(after)) else [])]
+    if line := _stability_line(after):
+        lines.append(line if explains else f"{line[:-1]}, with what was added, which does not explain the data.")
+    return lines
 
 
 def _sentence(found: Lateral, *, short: bool = False) -> str:

@@ -42,8 +42,12 @@ SHOWN = 6
 """Rows shown of a ranking."""
 SLIGHT = 0.05
 """Share of what was measured below which an unexplained rest may be a question of the declared noise."""
+MOST_LEFT = 0.1
+"""Share of what was measured that an answer which does not explain it leaves at most for a correction by it."""
 ALIKE = 1.0
 """Standard errors rms up to which two predictions are the same within the noise."""
+MOST_TOLD = 3
+"""Mistakes told that were not searched to the end."""
 MOST_CONTAINS = 3
 """Larger sets named as containing the answer."""
 
@@ -62,10 +66,21 @@ def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
     return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
 
 
+def _critical_speeds(found: Explanation) -> list[str]:
+    return critical_speeds_lines(found.story, explains=found.verdict != "unexplained")
+
+
 def balance_of(found: Explanation, rig: Rig | None) -> Balance:
     """What corrects the unbalance found, plane by plane; nothing without a rig."""
     if rig is None:
         return Balance()
+    story = found.story
+    left = story.last.rms / story.measurement.rms if story.measurement.rms > 0.0 else 0.0
+    if found.verdict == "unexplained" and left > MOST_LEFT and "residual_unbalance" in found.named:
+        return Balance(
+            why_none=f"No correction: what was found leaves {100.0 * left:.0f} % of what was measured. Influence "
+            "coefficients (`rotorjax diagnose`) need no rotor model."
+        )
     if "residual_unbalance" not in found.named and np.any(held_unbalance(rig)):
         return Balance(why_none="No correction: the rig file holds the unbalance already; see `rotorjax diagnose`.")
     return balance_of_fit(found.story.fits[-1], rig.put_right(found.mistake), found.story.measurement)
@@ -188,7 +203,9 @@ def _cut_off(found: Explanation) -> list[str]:
     """Mistakes in what was written down that were not searched to the end."""
     if not found.written.cut_off:
         return []
-    meant = listed([f"whether {mistake.meaning}" for mistake in found.written.cut_off])
+    every = [f"whether {mistake.meaning}" for mistake in found.written.cut_off]
+    more = [f"{len(every) - MOST_TOLD} more of the kind"] if len(every) > MOST_TOLD + 1 else []
+    meant = listed([*every[:MOST_TOLD], *more] if more else every)
     return [f"Not searched to the end, as the linearisations allowed for it were spent: {meant}."]
 
 
@@ -310,7 +327,7 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     """
     parts: list[str | Table] = [measurement_line(found.story.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
-    parts += [*critical_speeds_lines(found.story), *_to_balance(found, rig)]
+    parts += [*_critical_speeds(found), *_to_balance(found, rig)]
     parts += explanation_tables(found, rig)
     where, convention = "Where it still fails" if found.named else "Where it fails", _convention(found, rig)
     parts.append(worst_cells(found.story.last, where, convention))
@@ -352,7 +369,7 @@ def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | N
     """What is seen without scrolling."""
     named = () if slight(found) else found.effects
     effects = sizes_by_effect(found.story.fits[-1], named, _convention(found, rig))
-    lines = [*as_if_lines(found), *_to_balance(found, rig), *critical_speeds_lines(found.story), *tie_lines(found)]
+    lines = [*as_if_lines(found), *_to_balance(found, rig), *_critical_speeds(found), *tie_lines(found)]
     force, enough = missing_force_lines(found), found.named_force is not None and found.named_force.enough
     lines = [*force, *lines, *next_lines(found)] if enough else [*lines, *next_lines(found), *force]
     fall = " ".join(filter(None, (misses(found), fall_line(found), left_line(found))))

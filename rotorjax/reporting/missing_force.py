@@ -11,6 +11,9 @@ from rotorjax.reporting.tables import Table, number
 from rotorjax.reporting.wording import said
 from rotorjax.units import MICROMETRE, unit_of
 
+LESS = 0.999
+"""Of what an answer leaves, what something else leaves at most that does better."""
+
 
 def missing_force_lines(found: Explanation) -> list[str]:
     """What the missing force looks like, and what the terms do in the response."""
@@ -40,6 +43,11 @@ def _how_large(force: MissingForce) -> str:
     )
 
 
+def _does_better(found: Explanation, fitted: Fit) -> bool:
+    """Whether a fit leaves less than the answer, which leaves more than the noise."""
+    return fitted.stage.measurement.rms_of(fitted.predicted) < LESS * found.story.last.rms
+
+
 def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
     """The terms, and the error with them."""
     after = number(found.story.measurement.rms_of(fitted.predicted) / MICROMETRE)
@@ -66,7 +74,7 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
         return f"{how}, {beside}: {words}. With it{alone} the error is {after} µm rms{held}{compared}."
     rest = (
         ", which is what the noise allows"
-        if named.enough
+        if named.enough and _does_better(found, fitted)
         else ""
         if found.contest.measurement.sigma is None
         else ", still more than the noise"

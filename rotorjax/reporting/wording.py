@@ -18,6 +18,7 @@ PLAIN = {
     "chain_gain": "chain gain error",
     "speed_dependent_stiffness": "speed-dependent stiffness",
     "speed_dependent_damping": "speed-dependent damping",
+    "speed_dependent_cross_coupling": "speed-dependent cross-coupling",
 }
 """Plain names that are not the identifier with spaces."""
 

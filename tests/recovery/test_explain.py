@@ -17,6 +17,7 @@ from rotorjax import (
     Layout,
     Measurement,
     Model,
+    Probes,
     effects,
     explain,
     response,
@@ -71,6 +72,27 @@ def test_every_effect_is_found_on_its_sufficient_plan(name):
     last = found.story.fits[-1]
     assert last.converged
     assert last.reduced_chi2 == pytest.approx(1.0, abs=0.7)
+
+
+def test_as_many_values_as_numbers_may_hold_within_the_noise():
+    """Bow and unbalance at two speeds of one probe, with a trial weight: with what is uncertain as many values as
+    numbers were read. What is left is a third of the noise.
+    """
+    probes = Probes(np.zeros(1), np.ones(1), np.zeros(1))
+    model = Model(Jeffcott(1.0, [55199.6, 50953.5], 0.02), probes, layout=Layout(("X",), orders=(1.0,)))
+    uncertain = [
+        Uncertain(effect, f"{label}_{axis}", deviation, True, f"{label}.{axis}")
+        for effect, label, deviation in (("stiffness_error", "error", 0.02), ("damping_error", "log_ratio", 0.3))
+        for axis in "xy"
+    ]
+    z = 1e-6 * np.array([27.877, 60.639, 51.915, 130.17]) * np.exp(1j * np.radians([74.6, 53.6, 78.1, 69.3]))
+    weights = np.array([0.0, 0.0, 30e-6, 30e-6])[:, None, None] * np.array([0.0, 1.0])
+    conditions = Conditions.at_rpm(np.array([1500.0, 1900.0, 1500.0, 1900.0]), unbalance=weights)
+    runs = {"run": np.array([0, 0, 1, 1]), "runs": ("base", "trial"), "probes": ("X",), "sigma": 1.09e-6}
+    measurement = Measurement.from_arrays(z[:, None, None], conditions, **runs, knowledge=Knowledge(tuple(uncertain)))
+    found = explain(model, measurement, only=["residual_bow", "residual_unbalance", "misalignment"], thorough=False)
+    assert found.verdict == "undecided"
+    assert found.effects in (("misalignment", "residual_unbalance"), ("residual_bow", "residual_unbalance"))
 
 
 @pytest.mark.campaign

@@ -48,7 +48,7 @@ def row(**changes):
 def test_all_effects_of_the_catalogue_are_hidden_with_its_labels(rng):
     layout = Layout(("X", "Y"), ("disk1", "disk2"), (1.0, 2.0))
     # Its integration in time holds every speed; what came later would change what older seeds draw.
-    assert {*EFFECTS, "sweep_rate", "speed_dependent_damping"} == set(CATALOG)
+    assert {*EFFECTS, "sweep_rate", "speed_dependent_damping", "speed_dependent_cross_coupling"} == set(CATALOG)
     for name in EFFECTS:
         labels = {label for p in CATALOG[name].parameters() for label in p.labels(layout)}
         assert set(hide.effect(name, rng, SCALE, DOWN).values) == labels, name

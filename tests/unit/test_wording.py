@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, fit, response, tell
+from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, fit, read_rig, response, tell
 from rotorjax.data.declarations import amplitude_changes
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.force_shapes import Reach
@@ -15,8 +15,11 @@ from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
 from rotorjax.reporting.curves import Curve
+from rotorjax.reporting.explanation import balance_of
 from rotorjax.reporting.sizes import sizes
 from rotorjax.reporting.wording import percent, plain_name, said, with_error
+
+from helpers import write
 
 SPEEDS = np.array([900.0, 1400.0, 1900.0, 2400.0, 2900.0])
 SIGMA = 2e-7
@@ -164,9 +167,18 @@ def test_a_convention_that_a_gain_would_stand_for_is_said_to_be_one():
     found = explain(model, m, only=["residual_unbalance", "amplitude_rms"], thorough=False)
     assert found.named == ("amplitude_rms",)
     assert as_if_lines(found) == [
-        "A gain of all probes of 0.707 would do the same: check scale factors too. Amplitudes here are as the table "
-        "states them."
+        "A gain of all probes of 0.707 would do the same: check scale factors too. So would installed weights all "
+        "0.707 times as large as stated. Amplitudes here are as the table states them."
     ]
+
+
+def test_what_leaves_much_gives_no_correction(tmp_path):
+    model, m = measured(effects.ResidualUnbalance(2e-5, 1e-5), effects.CrossCoupling(2500.0))
+    found = explain(model, m, only=["residual_unbalance"], mistakes=False, thorough=False)
+    assert (found.verdict, found.effects) == ("unexplained", ("residual_unbalance",))
+    balance = balance_of(found, read_rig(write(tmp_path)[1]))
+    assert balance.corrections == ()
+    assert balance.why_none.startswith("No correction: what was found leaves ")
 
 
 def test_what_hardly_helps_is_not_the_answer():
