@@ -12,11 +12,12 @@ from rotorjax.data.declarations import Mistake
 from rotorjax.data.odd_runs import is_same_run
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.doubtful_readings import doubtful_beside
+from rotorjax.discovery.nearest_changes import in_order
 from rotorjax.discovery.odd_run import with_values
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import Scored, race, score
 from rotorjax.discovery.rivals import TIE
-from rotorjax.discovery.screening import HALVED, Change, Screened, beside_answer, beside_forces_of, screen
+from rotorjax.discovery.screening import FAR_LESS, HALVED, Change, Screened, beside_answer, beside_forces_of, screen
 from rotorjax.discovery.search import Selection, begin, select, with_answer, with_set
 from rotorjax.discovery.ties import Ties, noise_left
 from rotorjax.inference.descent import HOPELESS
@@ -216,13 +217,13 @@ class Doubts(NamedTuple):
             self.progress("whether an entry of rig file or table is wrong")
             hopeless = _Reach.of(own, noise).hopeless
             answer = own.selection.known[own.selection.present]
-            screened = [screen(one, noise, starts=one.near(answer.best), hopeless=hopeless) for one in doubted]
+            screened = in_order(doubted, noise, starts=lambda one: one.near(answer.best), hopeless=hopeless)
         elif _has_a_force(own):
             # What linear effects leave beside a change says little of what they leave with a nonlinear force.
             known = {one.change.mistake for one in screened}
             screened = [*screened, *(Screened(one, stated.end) for one in doubted if one.mistake not in known)]
         near = near_changes(own, stated, screened, noise, beside_forces=doubtful)
-        if misses(own):
+        if misses(own) and (_has_a_force(own) or all(one.end.cost > FAR_LESS * stated.end.cost for one in near)):
             near = self._beside_its_forces(own, noise, near)
         if readings and not any(one.change.of_readings for one in near):
             answer = own.selection.known[own.selection.present]
@@ -313,17 +314,25 @@ def _as_stated_too(found: list[Answer]) -> list[Answer]:
 
 
 def searched(one: Screened, most: int, progress: Progress, *, holds: bool = False) -> Answer | None:
-    """A change, begun with what holds of all linear effects beside it, if they do. **Arguments:** ``holds``: whether an
-    answer holds; **returns** nothing where no set beside nonlinear forces does then.
+    """A change, begun with what holds of all linear effects beside it, if they do: among those alone where few of them
+    hold. **Arguments:** ``holds``: whether an answer holds; **returns** nothing where no few effects do then.
     """
     change = one.change
     assert change.mistake is not None
     progress(f"whether {change.mistake.meaning}")
+    if one.holds and not one.beside:
+        linear = change.without(change.contest.costly).contest
+        begun = with_set(begin(linear, known=change.known), most, {one.beside: one.end})
+        if begun.holds:
+            selection = select(begun, most)
+            return Answer.of(change.mistake, selection, change.log_odds, cut_off=linear.budget.exhausted)
     begun = begin(change.contest, known=change.known)
     if one.may_hold:
         begun = with_set(begun, most, {one.beside: one.end})
-        if holds and one.beside and begun.contest.tries_table_noise and not begun.holds:
-            return None
+        if holds and begun.contest.tries_table_noise and not begun.holds:
+            begun = begun if one.beside else with_set(begun, min(most, 2))
+            if not begun.holds:
+                return None
     elif change.of_weight:
         begun = with_set(begun, min(most, 2))
     selection = select(begun, most)

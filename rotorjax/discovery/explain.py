@@ -134,7 +134,7 @@ def _as_done(
     contest = selection.contest
     right, measurement = mistake.corrected(model, contest.measurement)
     if not mistake.in_mirror and mistake.kind not in {*RUN_EFFECTS, WRONG}:
-        return right, selection
+        return right, selection if selection.tried_all else select(selection.begun(), selection.most, progress=progress)
     # Searched in a mirror, with values fitted along or with readings doubted: now the rotor itself, with what they came
     # to, and without those.
     model = reversed_rotation(model) if mistake.in_mirror else right

@@ -27,8 +27,9 @@ from rotorjax.discovery.answers import (
 from rotorjax.discovery.common_noise import under_table_noise
 from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.doubtful_readings import doubtful_readings
+from rotorjax.discovery.nearest_changes import of_what_fails
 from rotorjax.discovery.progress import Progress
-from rotorjax.discovery.screening import FAR_LESS, Change, Screened, as_stated, of_what_fails, screen
+from rotorjax.discovery.screening import FAR_LESS, Change, Screened, as_stated, screen
 from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, wide_noise, with_set
 from rotorjax.discovery.ties import settled
 from rotorjax.inference.descent import Start

@@ -59,6 +59,16 @@ class Selection(NamedTuple):
         return may_be_missing(showing(self.contest, self.races[-1], self.present))
 
     @property
+    def tried_all(self) -> bool:
+        """Whether every effect that may be missing was tried beside all that was detected."""
+        return {*self.contest.candidates} <= {name for effects in self.races[-1].contenders for name in effects}
+
+    def begun(self) -> "SearchStart":
+        """A search that goes on from its effects."""
+        found = frozenset(self.effects)
+        return SearchStart(self.contest, self.known, self.races[-1].noise, QuietRace({}, None), found)
+
+    @property
     def present(self) -> Effects:
         """All that was detected."""
         return frozenset(self.effects) | frozenset(self.small)

@@ -29,7 +29,7 @@ FEW_RUNS = 4
 """Fewer runs say nothing useful about the scatter between runs."""
 LARGEST_HEALTHY_CHI2 = 1.5
 """Reduced chi-square up to which the noise of the table is taken to account for what is left."""
-BY_CHANCE = 3.0
+BY_CHANCE = 2.0
 """Standard deviations of chi-square that it may be above its mean by chance, where few data make that more."""
 NOISE_FLOOR = 1e-6
 """Least inferred standard error, relative to the measured rms: below it, rounding of the table decides."""

@@ -156,6 +156,7 @@ def test_asymmetric_shaft_between_its_critical_speeds():
     assert states.others == ((), (), ())
 
 
+@pytest.mark.campaign
 def test_half_order_motion_beside_an_unstable_one():
     """A loose support reached for part of the turn: at 491 rad/s motion that repeats every turn is unstable, and one at
     1/2X is stable.

@@ -28,8 +28,9 @@ from rotorjax.arrays import as_array
 from rotorjax.data.declarations import mistakes, promising
 from rotorjax.data.example import write_example
 from rotorjax.discovery.contest import Contender, Contest, make_contest
+from rotorjax.discovery.nearest_changes import of_what_fails
 from rotorjax.discovery.race import race
-from rotorjax.discovery.screening import Change, as_large_as_read, as_stated, beside_forces_of, of_what_fails, screen
+from rotorjax.discovery.screening import Change, as_large_as_read, as_stated, beside_forces_of, screen
 from rotorjax.discovery.search import begin, wide_noise, with_set
 from rotorjax.effects import CATALOG
 from rotorjax.inference.data import largest_displacement
@@ -156,7 +157,7 @@ CAMPAIGN = pytest.mark.campaign
         pytest.param(scaled("peak", 2.0**-0.5), "amplitude_rms", marks=CAMPAIGN),
         pytest.param(scaled("rms", 1.0), "amplitude_peak", marks=CAMPAIGN),
         pytest.param(scaled("rms", 2.0), "amplitude_peak_to_peak", marks=CAMPAIGN),
-        (grams_without_the_radius, "weights_unit.g"),
+        pytest.param(grams_without_the_radius, "weights_unit.g", marks=CAMPAIGN),
         pytest.param(no_mistake, None, marks=CAMPAIGN),
     ],
 )
@@ -216,6 +217,7 @@ def test_of_many_runs_those_are_kept_that_influence_coefficients_allow(tmp_path)
     )
 
 
+@pytest.mark.campaign
 def test_a_weight_in_another_direction_is_named_where_misalignment_would_stand_for_it():
     """What the weight does through a crack shows at 1X and 2X, as a force does that turns with the shaft."""
     drawn, mistake = draw_with_mistake(31278)

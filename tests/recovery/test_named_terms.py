@@ -329,7 +329,10 @@ def late(stiffness: float, delay: float) -> Measurement:
     return Measurement.from_arrays(z, conditions, run=run, runs=tuple(WEIGHTS), orders=(1.0,), sigma=SIGMA)
 
 
-@pytest.mark.parametrize(("stiffness", "periods", "noise"), [(-900.0, 0.7, "given"), (200.0, 1.6, "unknown")])
+@pytest.mark.parametrize(
+    ("stiffness", "periods", "noise"),
+    [pytest.param(-900.0, 0.7, "given", marks=pytest.mark.campaign), (200.0, 1.6, "unknown")],
+)
 def test_a_force_that_follows_the_displacement_late(stiffness, periods, noise):
     """Named with its delay, not called a foundation or damping, which come near; either sign, and where the noise is
     unknown, too.
