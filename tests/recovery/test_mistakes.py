@@ -224,6 +224,7 @@ def test_a_weight_in_another_direction_is_named_where_misalignment_would_stand_f
     assert explain(drawn.model, drawn.measurement, thorough=False).named == (mistake, "crack")
 
 
+@pytest.mark.campaign
 def test_a_weight_that_is_not_there_is_named_beside_a_strong_spring():
     """A vertical rotor whose rig file states a weight: nonlinear forces make up for that without end. Of
     four runs the spring leaves much beside influence coefficients, which is no scatter between runs.

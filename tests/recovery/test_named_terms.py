@@ -226,6 +226,7 @@ def test_one_simple_term_in_the_place_of_several_effects():
     assert [t.term for t in found.named_force.terms] == [term]
 
 
+@pytest.mark.campaign
 def test_a_simple_term_beside_an_effect_in_the_place_of_more_effects():
     """Beside an unbalance a force of constant direction takes three effects of the catalogue: they are not the answer
     for sure.
