@@ -107,7 +107,7 @@ def settled(mistake: Mistake, m: Measurement, found: Mapping[str, Value]) -> Mis
 
 def _unbalance(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, partial[Stated]]:
     added, name = np.array([x.value, y.value]), m.runs[run]
-    stated = np.asarray(m.conditions.unbalance)[int(np.argmax(m.run == run))]
+    stated = _installed(m, run)
     corrected = partial(_with_unbalance_added, run=run, added=added)
     where = f"counted from +x in the sense of rotation{_left_in(m, run, added, math.hypot(x.error, y.error))}"
     if len(stated) == 1 and np.any(stated):
@@ -118,10 +118,15 @@ def _unbalance(m: Measurement, run: int, x: Value, y: Value) -> tuple[str, str, 
     return meaning, f"[runs.{name}]: a weight was lost, added or moved; state it there", corrected
 
 
+def _installed(m: Measurement, run: int) -> Float[np.ndarray, "plane xy"]:
+    """Weights of a run as stated [kg m]."""
+    return np.asarray(m.conditions.unbalance)[int(np.argmax(m.run == run))]
+
+
 def _left_in(m: Measurement, run: int, added: Pair, error: float) -> str:
     """That the weight of another run was left in, if an unbalance is that weight."""
-    for other in np.flatnonzero(np.arange(len(m.runs)) != run):
-        weight = np.asarray(m.conditions.unbalance)[int(np.argmax(m.run == other))][0]
+    for other in (k for k in range(len(m.runs)) if k != run):
+        weight = _installed(m, other)[0]
         size = float(np.linalg.norm(weight))
         if size > 0.0 and np.linalg.norm(added - weight) < max(CLOSE * error, NEAR_USUAL * size):
             return f"; it is as if the weight of run {m.runs[other]} had been left in"

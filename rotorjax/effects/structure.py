@@ -37,6 +37,11 @@ def either_side(name: str) -> tuple[dict[str, float], ...]:
     return ({}, {name: 1.0}, {name: -1.0})
 
 
+def _with_speed_squared(point: OperatingPoint) -> Array:
+    """(Ω/ω_ref)², ω_ref the mean natural frequency."""
+    return (point.speed / point.rotor.natural_frequency()) ** 2
+
+
 class StiffnessError(MatrixEffect):
     """k_i -> k_i (1 + e_i); C and M stay."""
 
@@ -154,7 +159,7 @@ class SpeedDependentStiffness(MatrixEffect):
         return alike_or_one("error_x", "error_y")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
-        growth = (point.speed / point.rotor.natural_frequency()) ** 2
+        growth = _with_speed_squared(point)
         return Matrices(
             path_stiffness=growth * diagonal(jnp.stack([self.error_x, self.error_y]) * point.rotor.stiffness)
         )
@@ -192,7 +197,7 @@ class SpeedDependentCrossCoupling(MatrixEffect):
     starts: ClassVar[tuple[dict[str, float], ...]] = either_side("cross_stiffness_n_per_m")
 
     def matrices(self, point: OperatingPoint) -> Matrices:
-        growth = (point.speed / point.rotor.natural_frequency()) ** 2
+        growth = _with_speed_squared(point)
         return Matrices(stiffness=growth * self.cross_stiffness_n_per_m * point.whirl)
 
 
