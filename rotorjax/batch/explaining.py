@@ -7,7 +7,7 @@ from rotorjax.compilation import spare_memory, use_double_precision
 from rotorjax.data.names import harmless
 from rotorjax.data.record_vectors import read_recordings
 from rotorjax.data.rig import Rig, read_measurement, read_rig
-from rotorjax.discovery.explain import LINEARISATIONS, explain
+from rotorjax.discovery.explain import explain
 from rotorjax.discovery.explanation import Explanation
 from rotorjax.errors import InputError
 from rotorjax.reporting.explanation import readings_in_words
@@ -117,7 +117,7 @@ def _explained(task: Task) -> dict[str, Any]:
         rig.model,
         measurement,
         max_effects=task.max_effects,
-        limit=task.limit or LINEARISATIONS,
+        limit=task.limit,
         only=task.only,
         exclude=task.exclude,
         mistakes=task.mistakes,

@@ -122,7 +122,7 @@ def _serve(sub: argparse.ArgumentParser) -> None:
 
 def _race(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--max-effects", type=int, default=3, metavar="N", help="add at most so many (default: 3)")
-    what = "stop after so many linearisations, one run at one speed each (default: 750000, minutes at most)"
+    what = "stop after so many linearisations, one run at one speed each (default: 750000, or 10000 a case)"
     sub.add_argument("--limit", type=int, metavar="N", help=what)
     sub.add_argument("--only", metavar="A,B", help="only these effects may be missing")
     sub.add_argument("--exclude", default="", metavar="A,B", help="these effects are not missing")

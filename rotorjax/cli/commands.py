@@ -98,7 +98,7 @@ def explain(options: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress(f"reading {source}")
         use_double_precision()
-        from rotorjax.discovery.explain import LINEARISATIONS, explain
+        from rotorjax.discovery.explain import explain
         from rotorjax.reporting.explanation import explanation_text
         from rotorjax.reporting.explanation_json import explanation_json
 
@@ -108,7 +108,7 @@ def explain(options: argparse.Namespace) -> None:
             rig.model,
             measurement,
             max_effects=options.max_effects,
-            limit=options.limit or LINEARISATIONS,
+            limit=options.limit,
             only=only,
             exclude=exclude or (),
             mistakes=options.mistakes,

@@ -21,7 +21,7 @@ from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.physics.steady_state import is_coupled
-from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
+from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, figures
 
 LEAST_RUNS = 3
 """Of two runs either may be the odd one."""
@@ -219,8 +219,9 @@ def as_other_weights(model: Model, measurement: Measurement) -> str | None:
         if without_gain:
             return None
         return (
-            f"{ABOUT_WEIGHTS} that are all {abs(factor):.3g} times as large as stated (their radius?) would do what "
-            "a gain of the measuring chain does"
+            f"{ABOUT_WEIGHTS} that are all {abs(factor):.3g} times as large as stated (their radius?), or mass, "
+            f"stiffness and damping all {1.0 / abs(factor):.3g} times as large, would do what a gain of the measuring "
+            "chain does"
         )
     if (offset := model.find(PhaseReferenceOffset.name)) is not None:
         factor *= np.exp(1j * float(offset.values()[0]))
@@ -242,7 +243,7 @@ def _vector(pair: Pair, *errors: Value, unit: float = GRAM_MILLIMETRE, words: st
 def _with_error(value: float, error: float) -> str:
     """A value, with its standard error if it has one, to the digit that this leaves."""
     if error <= 0.0:
-        return f"{value:.3g}"
+        return figures(value) if value >= 1e3 else f"{value:.3g}"
     digits = max(0, 1 - math.floor(math.log10(error)))
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 

@@ -21,10 +21,12 @@ from rotorjax.discovery.screening import FAR_LESS, HALVED, Change, Screened, bes
 from rotorjax.discovery.search import Selection, begin, select, with_answer, with_set
 from rotorjax.discovery.ties import Ties, noise_left
 from rotorjax.inference.descent import HOPELESS
-from rotorjax.inference.noise import Noise, is_large
+from rotorjax.inference.noise import LARGEST_HEALTHY_CHI2, Noise, is_large
 
 MOST_SEARCHED = 3
 """Changes that are searched where no answer holds."""
+SLIGHT = math.sqrt(0.5 * (LARGEST_HEALTHY_CHI2 - 1.0))
+"""What runs may scatter by chance, in the noise of a vector: more makes a fit unhealthy."""
 FOR_ONE_SET = 10_000
 """Of the linearisations reserved, what the effects of the best may take beside what is stated."""
 
@@ -129,9 +131,15 @@ class MistakeRace(NamedTuple):
 
 
 def misses(own: Answer) -> bool:
-    """Whether an answer leaves more than the noise, or more than noise would be where that is unknown."""
-    measurement = own.selection.contest.measurement
-    return own.misfit > 0.0 if measurement.sigma is not None else is_large(own.misfit, measurement)
+    """Whether an answer leaves more than the noise, or more than noise would be where that is unknown. Beside a change
+    of what is stated noise may be a little more than the table says, as it is by chance.
+    """
+    contest = own.selection.contest
+    if contest.measurement.noise_rms is None:
+        return is_large(own.misfit, contest.measurement)
+    slight = SLIGHT * contest.measurement.noise_rms
+    least = min(slight, contest.floor.allowance) if own.mistake is not None else 0.0
+    return own.misfit > least
 
 
 def like_a_mistake(own: Answer) -> bool:

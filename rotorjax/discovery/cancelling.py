@@ -10,7 +10,7 @@ from rotorjax.inference.budget import Budget
 from rotorjax.inference.descent import End
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.space import Space
-from rotorjax.units import MICROMETRE
+from rotorjax.units import MICROMETRE, figures
 
 LEAST_LEFT = 0.2
 """Of what the smaller of two excitations shows, the share that both show together at least."""
@@ -35,9 +35,10 @@ def cancelling(end: End, space: Space, m: Measurement, names: Sequence[str]) -> 
     for one, other in itertools.combinations(names, 2):
         both = size(whole - shown(one, other))
         if both < LEAST_LEFT * min(alone[one], alone[other]):
-            each = " and ".join(f"{alone[name] / MICROMETRE:.3g} µm" for name in (one, other))
+            each = " and ".join(f"{figures(alone[name] / MICROMETRE)} µm" for name in (one, other))
             return (
-                f"{one} and {other} nearly cancel: they show by {each} rms, together by {both / MICROMETRE:.3g} µm; "
+                f"{one} and {other} nearly cancel: they show by {each} rms, together by "
+                f"{figures(both / MICROMETRE)} µm; "
                 "what is left of them may be another excitation, such as a force along one direction"
             )
     return None

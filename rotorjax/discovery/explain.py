@@ -44,7 +44,9 @@ MOST_SEPARATED = 4
 """Ties of which readings are looked for that would settle them."""
 
 LINEARISATIONS = 750_000
-"""Single cases that an explanation may linearise."""
+"""Single cases that an explanation may linearise; of tables with many cases `OF_ONE_CASE` each."""
+OF_ONE_CASE = 10_000
+"""How often each case may be linearised where that is more."""
 FOR_THE_FORCE = 70_000
 """Of them kept for the force that is missing, where nothing explains, however long the search took."""
 FOR_THE_STEPS = 20_000
@@ -64,7 +66,7 @@ def explain(  # noqa: PLR0913
     mistakes: bool | None = None,
     catalog: Mapping[str, type[Effect]] = CATALOG,
     thorough: bool = True,
-    limit: int = LINEARISATIONS,
+    limit: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Explanation:
     """Find which effects a model lacks.
@@ -78,10 +80,10 @@ def explain(  # noqa: PLR0913
     an effect of the measuring chain, which looks alike; ``only`` and ``exclude`` may name them; ``catalog``: effects
     by name, ``CATALOG | {"mine": Mine}`` for one's own; ``thorough``: with held-out error and p-value, both of which
     count for the verdict, and the missing force, looked at where nothing explains and compared with what was found
-    elsewhere; ``limit``: single cases that may be linearised, the last 70,000 of them (a tenth at most) for the missing
-    force, and up to 40,000 of these for the fits that are shown; where it is reached the verdict is "undecided" or
-    "unexplained", with what was not tried; ``progress``: called with a line of text at every stage, and while it goes
-    on.
+    elsewhere; ``limit``: single cases that may be linearised, by default 750,000, or 10,000 times as many as there are
+    cases if that is more; the last 70,000 of them (a tenth at most) for the missing force, and up to 40,000 of these
+    for the fits that are shown; where it is reached the verdict is "undecided" or "unexplained", with what was not
+    tried; ``progress``: called with a line of text at every stage, and while it goes on.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes or planes.
     """
@@ -93,7 +95,7 @@ def explain(  # noqa: PLR0913
         candidates, kinds = [], []  # a gain of zero would explain it all
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    reporter = ProgressReporter(progress, limit)
+    reporter = ProgressReporter(progress, limit or max(LINEARISATIONS, OF_ONE_CASE * len(measurement.run)))
     reporter.budget.reserve(FOR_THE_FORCE if thorough else 0)
     contest, progress = make_contest(full, kept, candidates, catalog, reporter.budget), reporter.stage
     if contest.coupled & {*candidates, *(e.name for e in full.effects)}:

@@ -23,6 +23,7 @@ from rotorjax.discovery.own_effects import check_own_effects
 from rotorjax.effects import CATALOG
 from rotorjax.effects.of_one_run import RunSpeed
 from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
+from rotorjax.effects.structure import SpeedDependentStiffness
 from rotorjax.effects.terms import TERMS
 from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
@@ -70,6 +71,13 @@ SEVERAL_WRONG = (
     "they show"
 )
 """What is said where more than one reading is called wrong."""
+ALIKE = 0.3
+"""Relative difference along x and y up to which an error may be the same along both."""
+AS_MASS = (
+    "a modal mass that is another along x than along y, as where pedestals move along, does the same at 1X as a "
+    "stiffness that changes with the square of speed: another order would tell"
+)
+"""What is said of such a stiffness where only 1X was measured."""
 AS_STIFFNESS = (
     "a shaft or support that was stiffer or softer in that run (temperature, bolts, preload of bearings), by twice the "
     "percentage of its speeds, does nearly the same at 1X"
@@ -140,7 +148,7 @@ class Fit(Shown):
 
     def objections(self, names: Iterable[str], mistake: Mistake | None = None) -> tuple[str, ...]:
         """What speaks against the values of these effects, each by name. **Arguments:** ``mistake`` beside them."""
-        own = [e for e in self.model.effects if e.name in set(names)]
+        own, orders = [e for e in self.model.effects if e.name in set(names)], self.stage.measurement.orders
         said = ((e.name, e.objection(self.model.rotor) or self._unstable(e.name)) for e in own)
         spoken = tuple(f"{name} {words}" for name, words in said if words is not None)
         if mistake is not None and mistake.of_amplitudes and any(_is_far_from_one(e) for e in own):
@@ -150,6 +158,8 @@ class Fit(Shown):
             spoken = (*spoken, words)
         if mistake is not None and mistake.kind == RunSpeed.name:
             spoken = (*spoken, AS_STIFFNESS)
+        if any(isinstance(e, SpeedDependentStiffness) and _of_one_axis(e) for e in own) and set(orders) == {1.0}:
+            spoken = (*spoken, AS_MASS)
         if mistake is not None and mistake.kind == WRONG and len(mistake.about) > 1:
             spoken = (*spoken, SEVERAL_WRONG)
         exciting = [e.name for e in own if isinstance(e, ExcitationEffect)]
@@ -167,6 +177,11 @@ class Fit(Shown):
         if name not in SELF_EXCITING or not (count := unstable_speeds(self.end, self.stage.space, speeds)):
             return None
         return f"makes the rotor unstable at {count} of the {len(speeds)} speeds at which a steady state was measured"
+
+
+def _of_one_axis(effect: Effect) -> bool:
+    along = [float(value) for value in effect.values()]
+    return abs(along[0] - along[1]) > ALIKE * max(map(abs, along))
 
 
 def _is_far_from_one(effect: Effect) -> bool:

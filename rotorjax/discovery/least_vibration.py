@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.diagnosis.fault import Fault
 from rotorjax.discovery.fit import Fit
 from rotorjax.effects.excitation import PlaneParticipation, ResidualUnbalance
 from rotorjax.effects.reading import Runout
@@ -20,8 +19,10 @@ class Together(NamedTuple):
     """What excites a rotor at 1X, as one unbalance on the disk."""
 
     effects: tuple[str, ...]
-    unbalance: Fault
+    unbalance: Float[np.ndarray, "2"]
     """Its removal leaves least [kg m]."""
+    by_unknown: Float[np.ndarray, "2 param"]
+    """Its change with each unknown of what excites."""
     before: float
     """Vibration at 1X with nothing installed, rms over probes and speeds [m]; without runout."""
     after: float
@@ -39,24 +40,22 @@ def excites_at_1x(fitted: Fit) -> tuple[str, ...]:
     return tuple(name for name in names if isinstance(fitted.model.find(name), ExcitationEffect) and name != of_planes)
 
 
-def together(fitted: Fit, speed_rpm: Float[np.ndarray, "speed"], freedom: float) -> Together:
+def together(fitted: Fit, speed_rpm: Float[np.ndarray, "speed"]) -> Together:
     """The unbalance U for which Σ |z - J U|² over probes and speeds is least, z the vibration at 1X with nothing
-    installed and J the response to an unbalance; of a linear rotor. Its error is that of what excites. **Arguments:**
-    ``freedom``: degrees of freedom of the errors.
+    installed and J the response to an unbalance; of a linear rotor.
     """
     names, space, point = excites_at_1x(fitted), fitted.stage.space, fitted.end.point
     found, before, slopes = _equivalent(fitted.model, speed_rpm)
     which = [e.entry.unknown for e in fitted.estimates if e.entry.effect in names]
-    by_unknown = np.zeros((2, len(which)))
-    for k, unknown in enumerate(which):
+    by_unknown = np.zeros((2, len(point)))
+    for unknown in which:
         there = point.copy()
         there[unknown] += 1.0
-        by_unknown[:, k] = _equivalent(space.model_at(there), speed_rpm)[0] - found
-    covariance = by_unknown @ fitted.covariance[np.ix_(which, which)] @ by_unknown.T
+        by_unknown[:, unknown] = _equivalent(space.model_at(there), speed_rpm)[0] - found
     own = {e.entry.label: e.value for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
     alone = np.array([own[f"unbalance_{axis}_kg_m"] for axis in "xy"])
     sizes = (float(np.sqrt(2.0 * np.mean((before - slopes @ removed) ** 2))) for removed in (np.zeros(2), found, alone))
-    return Together(names, Fault(found, covariance, freedom), *sizes)
+    return Together(names, found, by_unknown, *sizes)
 
 
 def _equivalent(

@@ -23,15 +23,12 @@ def of_what_fails(
     stated: Screened, level: Screened, changes: list[Change]
 ) -> tuple[Screened, list[Screened], list[Screened]]:
     """What is stated, where linear effects do not hold within the noise with it, changes that may be near, and those
-    ahead, the nearest first; none where what is stated holds after all.
+    ahead, the nearest first.
 
     All are fitted under a wide noise first: data that a fit cannot meet drag it into a corner. What is behind what is
     stated under that noise stays so. **Arguments:** ``level``: what is stated under the wide noise.
     """
     enough = stated.change.contest.far_off
-    stated = min(stated, under_table_noise(level, hopeless=enough), key=lambda one: one.end.cost)
-    if stated.holds:
-        return stated, [], []
     feels = {change.mistake: _feels(change, level) for change in changes}
     possible = _not_behind(level, [change for change in changes if feels[change.mistake]])
     screened = list[Screened]()
@@ -42,8 +39,7 @@ def of_what_fails(
     if changes and not any(one.holds for one in screened):
         # How far off all are decides then.
         if stated.end.result == LEFT_BEHIND:
-            whole = as_stated(stated.change.contest, to_the_end=True)
-            stated = min(whole, under_table_noise(level), key=lambda one: one.end.cost)
+            stated = as_stated(stated.change.contest, to_the_end=True)
         screened = [under_table_noise(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
     ahead = [
         fitted

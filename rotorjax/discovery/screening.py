@@ -143,13 +143,17 @@ class Screened(NamedTuple):
 
 
 def as_stated(contest: Contest, *, to_the_end: bool = False) -> Screened:
-    """What is stated, under the noise of the table: where linear effects do not hold, with a sweep if that helps.
+    """What is stated, under the noise of the table: where linear effects do not hold, from where they end under a wide
+    one, and with a sweep if that helps.
 
     **Arguments:** ``to_the_end``: also where it promises to miss by far.
     """
     change = Change(None, contest)
     enough = math.inf if to_the_end else contest.far_off
     stated = screen(change, NO_NOISE, hopeless=enough)
+    if not stated.holds:
+        rough = screen(change, wide_noise(contest.measurement))
+        stated = min(stated, under_table_noise(rough, hopeless=enough), key=lambda one: one.end.cost)
     if not stated.holds and (sweeps := contest.sweeping):
         also = screen(change, NO_NOISE, also=sweeps, hopeless=enough)
         stated = min(stated, also, key=lambda one: one.end.cost)
@@ -245,7 +249,7 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
     elif 2.0 * level < LARGEST_HEALTHY_CHI2 * np.count_nonzero(stated.measurement.weights(0.0)):
         return []
     if not any(one.cost < level for one in alone):
-        alone = [one for change in changes for one in _one_force(change, own, wide, level + TIE)]
+        alone = _one_force_each(changes, own, wide, level + TIE)
     most = min([level, *(one.cost + HOPELESS for one in alone)])
     return [
         screen(
@@ -272,12 +276,18 @@ class _Alone(NamedTuple):
         return self.fitted.best.cost - self.change.log_odds if self.fitted.balanced else math.inf
 
 
-def _one_force(change: Change, own: Contender, noise: Noise, hopeless: float) -> list[_Alone]:
-    """The best nonlinear force beside a change by itself, if there is any but that of an answer."""
-    contest = change.contest
-    forces = [frozenset({name}) for name in contest.candidates if name in contest.coupled - own.effects]
-    fitted = race(contest, noise, forces, {}, hopeless=hopeless)
-    return sorted((_Alone(change, fitted[one]) for one in forces), key=lambda one: one.cost)[:1]
+def _one_force_each(changes: Collection[Change], own: Contender, noise: Noise, hopeless: float) -> list[_Alone]:
+    """The best nonlinear force, if there is any but that of an answer, by itself beside every change: none goes on that
+    promises far more than the best of them.
+    """
+    found = list[_Alone]()
+    for change in changes:
+        contest = change.contest
+        forces = [frozenset({name}) for name in contest.candidates if name in contest.coupled - own.effects]
+        fitted = race(contest, noise, forces, {}, hopeless=hopeless)
+        found += sorted((_Alone(change, fitted[one]) for one in forces), key=lambda one: one.cost)[:1]
+        hopeless = min([hopeless, *(one.cost + HOPELESS for one in found[-1:])])
+    return found
 
 
 def _costly_alone(change: Change, own: Contender, noise: Noise, hopeless: float) -> Contender:

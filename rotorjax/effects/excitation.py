@@ -111,12 +111,14 @@ class Misalignment(ExcitationEffect):
 
 
 class PlaneParticipation(ExcitationEffect):
-    """Unbalance installed in plane p counts (1 + g_p) times: mode shape, or its axial position, off."""
+    """Unbalance installed in plane p counts (1 + g_p) times: mode shape, or its axial position, off. Of all planes but
+    the first, as a factor of all of them is one of the readings, `ChainGain`.
+    """
 
     name: ClassVar[str] = "plane_participation"
     sufficient: ClassVar[Plan] = Plan(planes=2)
     family: ClassVar[Family] = "excitation"
-    meaning: ClassVar[str] = "a balancing plane drives the mode more or less than the rig file says"
+    meaning: ClassVar[str] = "a balancing plane drives the mode more or less, against the first, than the rig file says"
     source: ClassVar[str] = "Bishop, Gladwell, J. Mech. Eng. Sci. 1 (1959) 66-77"
     gain: Array = parameter("relative error of the participation", scale=0.1, axes=("plane",))
 

@@ -39,14 +39,22 @@ def installed_faults(model: Model, measurement: Measurement) -> Float[np.ndarray
     """What was installed in each run as one fault (U_x, U_y, s_x, s_y) on the disk, the planes'
     participation counted.
     """
-    participation = np.asarray(model.participation).copy()
-    if (error := model.find(PlaneParticipation.name)) is not None:
-        participation[1:] *= 1.0 + np.asarray(error.values()[0])
+    participation = acting_participation(model)
     first = [int(np.argmax(measurement.run == run)) for run in range(len(measurement.runs))]
     unbalance = np.asarray(measurement.conditions.unbalance)[first]
     return np.concatenate(
         [np.sum(unbalance * participation[:, None], axis=1), np.asarray(measurement.conditions.bow)[first]], axis=1
     )
+
+
+def acting_participation(model: Model) -> Float[np.ndarray, "plane"]:
+    """By how much of an unbalance in each plane the disk is driven: what is stated, with the error that the model has
+    of it.
+    """
+    participation = np.asarray(model.participation).copy()
+    if (error := model.find(PlaneParticipation.name)) is not None:
+        participation[1:] *= 1.0 + np.asarray(error.values()[0])
+    return participation
 
 
 def polar_covariance(pair: Float[np.ndarray, "dof"], relative: float, angle: float) -> Float[np.ndarray, "dof dof"]:

@@ -9,6 +9,7 @@ from scipy.special import stdtridf
 
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
+from rotorjax.data.rig_sections import Plane
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
@@ -16,8 +17,9 @@ from rotorjax.diagnosis.inverse import Diagnosis, RunDiagnosis
 from rotorjax.diagnosis.separability import ENTANGLED
 from rotorjax.discovery.fit import Fit
 from rotorjax.discovery.least_vibration import excites_at_1x, together
-from rotorjax.effects.excitation import ResidualUnbalance
+from rotorjax.effects.excitation import PlaneParticipation, ResidualUnbalance
 from rotorjax.inference.estimates import NORMAL_QUANTILE
+from rotorjax.inference.faults import acting_participation
 from rotorjax.model.model import Model
 from rotorjax.reporting.intervals import angle_and_error, decimals_of, value_and_error
 from rotorjax.reporting.tables import Table, number
@@ -27,7 +29,8 @@ from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE, RPM
 GRAM = 1e-3
 MOST_SPEEDS = 12
 """Speeds at which the vibration after the correction is predicted."""
-
+STEP = 1e-3
+"""Change of an unknown, in prior scales, by which a derivative is taken."""
 
 HARDLY_LESS = 0.95
 """Share of the vibration from which on a correction by influence coefficients leaves as much as there was."""
@@ -53,18 +56,16 @@ def balance_of_fit(fitted: Fit, rig: Rig, measurement: Measurement) -> Balance:
     labels = [f"unbalance_{axis}_kg_m" for axis in "xy"]
     if not found.keys() >= set(labels):
         return Balance()
-    which = [found[label].entry.unknown for label in labels]
-    scale = np.array([found[label].entry.scale for label in labels])
-    covariance = scale[:, None] * fitted.covariance[np.ix_(which, which)] * scale
-    by_student = fitted.quantile > NORMAL_QUANTILE
-    freedom = float(stdtridf(0.975, fitted.quantile)) if by_student else np.inf
-    unbalance = Fault(np.array([found[label].value for label in labels]), covariance, freedom)
     if len(excites_at_1x(fitted)) > 1:
-        return _together(fitted, unbalance, rig, measurement)
-    return _balance(unbalance, "the residual unbalance", rig, measurement, float(fitted.model.rotor.mass))
+        return _together(fitted, rig, measurement)
+    by_unknown = np.zeros((2, len(fitted.end.point)))
+    for axis, label in enumerate(labels):
+        by_unknown[axis, found[label].entry.unknown] = found[label].entry.scale
+    unbalance = np.array([found[label].value for label in labels])
+    return _balance(_in_planes(fitted, unbalance, by_unknown, rig), "the residual unbalance", rig, measurement)
 
 
-def _together(fitted: Fit, unbalance: Fault, rig: Rig, measurement: Measurement) -> Balance:
+def _together(fitted: Fit, rig: Rig, measurement: Measurement) -> Balance:
     """What leaves least vibration against an unbalance and what else excites the rotor; of a linear rotor."""
     names = [name for name in excites_at_1x(fitted) if name != ResidualUnbalance.name]
     if not fitted.stage.space.is_linear_at(fitted.end.point):
@@ -72,9 +73,9 @@ def _together(fitted: Fit, unbalance: Fault, rig: Rig, measurement: Measurement)
             why_none=f"No correction: beside a nonlinear force that against {said(names)} and the residual unbalance "
             "depends on the vibration; influence coefficients (`rotorjax diagnose`) correct what was read."
         )
-    least = together(fitted, measurement.speed_cluster()[1], unbalance.freedom)
+    least = together(fitted, measurement.speed_cluster()[1])
     whose = f"what {said(least.effects)} do together"
-    made = _balance(least.unbalance, whose, rig, measurement, float(fitted.model.rotor.mass))
+    made = _balance(_in_planes(fitted, least.unbalance, least.by_unknown, rig), whose, rig, measurement)
     if made.why_none:
         return made
     before, after, alone = (number(size / MICROMETRE) for size in (least.before, least.after, least.unbalance_alone))
@@ -86,6 +87,53 @@ def _together(fitted: Fit, unbalance: Fault, rig: Rig, measurement: Measurement)
     return made._replace(
         corrections=tuple(dataclasses.replace(one, beside=tuple(names)) for one in made.corrections), leaves=left
     )
+
+
+class _ToCorrect(NamedTuple):
+    """An unbalance on the disk, and in each plane as the planes act."""
+
+    on_disk: Fault
+    mass: float
+    """Of the rotor [kg]."""
+    planes: dict[str, tuple[Plane, Fault]]
+
+
+def _in_planes(
+    fitted: Fit, unbalance: Float[np.ndarray, "2"], by_unknown: Float[np.ndarray, "2 param"], rig: Rig
+) -> _ToCorrect:
+    """An unbalance on the disk of a fitted model, and its change with each unknown, with the participation of every
+    plane as it was found, and the error of that.
+    """
+    freedom = float(stdtridf(0.975, fitted.quantile)) if fitted.quantile > NORMAL_QUANTILE else np.inf
+
+    def fault(pair: np.ndarray, slopes: np.ndarray) -> Fault:
+        return Fault(pair, slopes @ fitted.covariance @ slopes.T, freedom)
+
+    planes, acting = _acting_planes(rig, fitted.model), acting_participation(fitted.model)
+    by_error = np.zeros((len(acting), len(fitted.end.point)))
+    for unknown in (e.entry.unknown for e in fitted.estimates if e.entry.effect == PlaneParticipation.name):
+        there = fitted.end.point.copy()
+        there[unknown] += STEP
+        by_error[:, unknown] = (acting_participation(fitted.stage.space.model_at(there)) - acting) / STEP
+    in_each = {}
+    for name, slopes in zip(rig.planes, by_error, strict=True):
+        if name in planes:
+            pair = unbalance / planes[name].participation
+            in_each[name] = (
+                planes[name],
+                fault(pair, (by_unknown - np.outer(pair, slopes)) / planes[name].participation),
+            )
+    return _ToCorrect(fault(unbalance, by_unknown), float(fitted.model.rotor.mass), in_each)
+
+
+def _acting_planes(rig: Rig, model: Model) -> dict[str, Plane]:
+    """Those that drive the disk at all, with the participation that the model has."""
+    shares = dict(zip(rig.planes, acting_participation(model), strict=True))
+    return {
+        name: plane._replace(participation=float(shares[name]))
+        for name, plane in rig.planes.items()
+        if shares[name] != 0.0
+    }
 
 
 def balance_of_diagnosis(diagnosis: Diagnosis, rig: Rig, measurement: Measurement) -> Balance:
@@ -108,7 +156,11 @@ def balance_of_diagnosis(diagnosis: Diagnosis, rig: Rig, measurement: Measuremen
     if np.any(held):
         whose += ", with what the rig file holds,"
     unbalance = found.unbalance._replace(pair=found.unbalance.pair + held)
-    made = _balance(unbalance, whose, rig, measurement, float(rig.model.rotor.mass))
+    planes = {
+        name: (plane, unbalance.scaled(1.0 / plane.participation))
+        for name, plane in _acting_planes(rig, rig.model).items()
+    }
+    made = _balance(_ToCorrect(unbalance, float(rig.model.rotor.mass), planes), whose, rig, measurement)
     return made if found.model_holds else made._replace(proviso=", if the model holds (which cannot be checked)")
 
 
@@ -125,19 +177,16 @@ def held_unbalance(rig: Rig) -> Float[np.ndarray, "dof"]:
     return np.zeros(2) if effect is None else np.array([float(value) for value in effect.values()])
 
 
-def _balance(unbalance: Fault, whose: str, rig: Rig, measurement: Measurement, mass: float) -> Balance:
+def _balance(found: _ToCorrect, whose: str, rig: Rig, measurement: Measurement) -> Balance:
     """One correction for each plane, where the unbalance on the disk is different from zero."""
-    if not unbalance.differs_from_zero:
-        most = f"{number(unbalance.below / GRAM_MILLIMETRE, 2)} g mm"
+    if not found.on_disk.differs_from_zero:
+        most = f"{number(found.on_disk.below / GRAM_MILLIMETRE, 2)} g mm"
         return Balance(why_none=f"No correction: {whose} is not different from zero, below {most} (95 %).")
     speed_rpm, which = grade_speed(measurement)
     return Balance(
         tuple(
-            Correction(
-                name, plane, unbalance.scaled(1.0 / plane.participation), mass, RPM * speed_rpm, rig.convention, which
-            )
-            for name, plane in rig.planes.items()
-            if plane.participation != 0.0
+            Correction(name, plane, unbalance, found.mass, RPM * speed_rpm, rig.convention, which)
+            for name, (plane, unbalance) in found.planes.items()
         )
     )
 

@@ -1,8 +1,7 @@
 """What people read of an explanation: the verdict in a sentence, rankings, ties, the next measurement, JSON."""
 
-import numpy as np
+import math
 
-from rotorjax.data.odd_runs import ABOUT_WEIGHTS
 from rotorjax.data.rig import Rig
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.explanation import Explanation
@@ -22,7 +21,7 @@ from rotorjax.reporting.answer import (
     verdict_sentence,
     would_be_next,
 )
-from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, held_unbalance, predicted_table
+from rotorjax.reporting.balance import predicted_table
 from rotorjax.reporting.comparison import (
     CHI2,
     findings,
@@ -32,6 +31,7 @@ from rotorjax.reporting.comparison import (
     step_tables,
     worst_cells,
 )
+from rotorjax.reporting.correction import balance_of, correction_lines
 from rotorjax.reporting.critical_speeds import critical_speeds_lines, critical_speeds_table
 from rotorjax.reporting.missing_force import missing_force_lines, missing_force_table
 from rotorjax.reporting.page import Headline, Page, Picture
@@ -42,48 +42,20 @@ SHOWN = 6
 """Rows shown of a ranking."""
 SLIGHT = 0.05
 """Share of what was measured below which an unexplained rest may be a question of the declared noise."""
-MOST_LEFT = 0.1
-"""Share of what was measured that an answer which does not explain it leaves at most for a correction by it."""
 ALIKE = 1.0
 """Standard errors rms up to which two predictions are the same within the noise."""
+CERTAIN = 0.99
+"""P-value from which on an answer leaves less than the noise of the table."""
+OVERSTATED = 0.5
+"""Reduced chi-square up to which standard errors are called too large then."""
 MOST_TOLD = 3
 """Mistakes told that were not searched to the end."""
 MOST_CONTAINS = 3
 """Larger sets named as containing the answer."""
 
 
-def _to_balance(found: Explanation, rig: Rig | None) -> list[str]:
-    """What would balance the rotor, where an unbalance was found."""
-    open_names = {name for group in found.ties.groups() for names in group for name in names}
-    doubt = ", if it is an unbalance indeed" if "residual_unbalance" in open_names else ""
-    if any(ABOUT_WEIGHTS in words for words in found.objections):
-        doubt = ", if the installed weights are as stated"
-    if found.verdict == "unexplained":
-        doubt = (
-            ", although what was found does not explain the data (influence coefficients, by `rotorjax diagnose`, need "
-            "no rotor model)"
-        )
-    return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
-
-
 def _critical_speeds(found: Explanation) -> list[str]:
     return critical_speeds_lines(found.story, explains=found.verdict != "unexplained")
-
-
-def balance_of(found: Explanation, rig: Rig | None) -> Balance:
-    """What corrects the unbalance found, plane by plane; nothing without a rig."""
-    if rig is None:
-        return Balance()
-    story = found.story
-    left = story.last.rms / story.measurement.rms if story.measurement.rms > 0.0 else 0.0
-    if found.verdict == "unexplained" and left > MOST_LEFT and "residual_unbalance" in found.named:
-        return Balance(
-            why_none=f"No correction: what was found leaves {100.0 * left:.0f} % of what was measured. Influence "
-            "coefficients (`rotorjax diagnose`) need no rotor model."
-        )
-    if "residual_unbalance" not in found.named and np.any(held_unbalance(rig)):
-        return Balance(why_none="No correction: the rig file holds the unbalance already; see `rotorjax diagnose`.")
-    return balance_of_fit(found.story.fits[-1], rig.put_right(found.mistake), found.story.measurement)
 
 
 def ties_table(found: Explanation) -> Table | None:
@@ -131,7 +103,13 @@ def _why_tied(tied: Alternative) -> str:
 def notes(found: Explanation) -> list[str]:
     """What else a user must know."""
     contains = [_contains(other) for other in found.ties.contains[:MOST_CONTAINS]]
-    left = [*_of_what_is_left(found), *_orders_lacking(found), *_small(found), *_cut_off(found)]
+    left = [
+        *_of_what_is_left(found),
+        *_less_than_noise(found),
+        *_orders_lacking(found),
+        *_small(found),
+        *_cut_off(found),
+    ]
     return [*_same_bow(found), *contains, *next_lines(found), *left, *findings(found.story)]
 
 
@@ -184,6 +162,18 @@ def _of_what_is_left(found: Explanation) -> list[str]:
     return [
         f"What is left is only {number(100.0 * share, 2)} % of what was measured: if sigma_um is too small, or the "
         "model's form need not be better than that ([model] tolerance), it is explained."
+    ]
+
+
+def _less_than_noise(found: Explanation) -> list[str]:
+    """Whether much less is left than the standard errors of the table say."""
+    last, p = found.story.last, found.p_value
+    if p is None or p.value < CERTAIN or last.reduced_chi2 is None or last.reduced_chi2 > OVERSTATED:
+        return []
+    times = number(1.0 / math.sqrt(last.reduced_chi2), 2)
+    return [
+        f"Much less is left than the standard errors say: they may be stated {times} times too large (repeated "
+        "readings tell); smaller ones would tell apart more."
     ]
 
 
@@ -325,9 +315,9 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor; ``width``:
     columns of the terminal, if it is one.
     """
-    parts: list[str | Table] = [measurement_line(found.story.measurement), sentence(found)]
+    parts: list[str | Table] = [measurement_line(found.story.declared.measurement), sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
-    parts += [*_critical_speeds(found), *_to_balance(found, rig)]
+    parts += [*_critical_speeds(found), *correction_lines(found, rig)]
     parts += explanation_tables(found, rig)
     where, convention = "Where it still fails" if found.named else "Where it fails", _convention(found, rig)
     parts.append(worst_cells(found.story.last, where, convention))
@@ -361,7 +351,15 @@ def explanation_page(
     if found.verdict != "unexplained":
         tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]
     return Page(
-        title, top, measurement_line(story.measurement), rest, tables, drawn, where, cost_line(found), convention.phase
+        title,
+        top,
+        measurement_line(story.declared.measurement),
+        rest,
+        tables,
+        drawn,
+        where,
+        cost_line(found),
+        convention.phase,
     )
 
 
@@ -369,7 +367,7 @@ def headline(found: Explanation, pictures: list[tuple[str, bytes]], rig: Rig | N
     """What is seen without scrolling."""
     named = () if slight(found) else found.effects
     effects = sizes_by_effect(found.story.fits[-1], named, _convention(found, rig))
-    lines = [*as_if_lines(found), *_to_balance(found, rig), *_critical_speeds(found), *tie_lines(found)]
+    lines = [*as_if_lines(found), *correction_lines(found, rig), *_critical_speeds(found), *tie_lines(found)]
     force, enough = missing_force_lines(found), found.named_force is not None and found.named_force.enough
     lines = [*force, *lines, *next_lines(found)] if enough else [*lines, *next_lines(found), *force]
     fall = " ".join(filter(None, (misses(found), fall_line(found), left_line(found))))

@@ -14,8 +14,9 @@ from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.answer import sentence
 from rotorjax.reporting.balance import balance_json
 from rotorjax.reporting.comparison_json import mistake_json, step_json, view_json
+from rotorjax.reporting.correction import balance_of
 from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
-from rotorjax.reporting.explanation import balance_of, notes
+from rotorjax.reporting.explanation import notes
 from rotorjax.units import MICROMETRE
 
 

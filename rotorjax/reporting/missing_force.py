@@ -79,6 +79,8 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
         if found.contest.measurement.sigma is None
         else ", still more than the noise"
     )
+    if not named.enough and {term.term for term in named.terms} <= set(found.effects):
+        return "What is left has no simple shape: the terms of the missing force are among the effects that were found."
     return (
         f"The missing force, {beside}, looks like this: {words}. Added as a term it brings the error to {after} "
         f"µm rms{held}{rest}."

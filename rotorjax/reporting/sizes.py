@@ -203,6 +203,8 @@ def _damping_ratio(declared: float, log_ratio: float, error: float) -> str:
 
 def _times(log_ratio: float, error: float) -> str:
     low, middle, high = (math.exp(log_ratio + k * error) for k in (-1.0, 0.0, 1.0))
+    if error < LINEAR:
+        return f"{with_error(middle, middle * error)} times"
     return f"{number(middle)} times ({number(low, 2)} to {number(high, 2)})"
 
 

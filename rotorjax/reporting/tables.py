@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import tabulate
 
+from rotorjax.units import figures
+
 NARROWEST = 40
 """Columns of a terminal below which nothing is fitted any more."""
 TEXT = 24
@@ -160,8 +162,7 @@ def number(value: float | None, digits: int = 3) -> str:
     """A number to some significant digits, trailing zeros kept; a dash for none."""
     if value is None or not math.isfinite(value):
         return "-"
-    text = f"{value:#.{digits}g}"
-    return f"{value:.0f}" if "e+" in text and abs(value) < 1e7 else text.rstrip(".")
+    return figures(value, digits)
 
 
 def duration(seconds: float) -> str:

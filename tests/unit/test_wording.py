@@ -5,24 +5,28 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, fit, read_rig, response, tell
+from rotorjax import Conditions, Jeffcott, Layout, Measurement, Model, effects, explain, fit, read_rig, response, tell
 from rotorjax.data.declarations import amplitude_changes
 from rotorjax.data.rig_sections import Convention
+from rotorjax.discovery.fit import AS_MASS
 from rotorjax.discovery.force_shapes import Reach
 from rotorjax.discovery.named_force import reached
 from rotorjax.discovery.progress import REPEATED, ProgressReporter
 from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
+from rotorjax.reporting.balance import balance_of_fit
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
+from rotorjax.reporting.correction import balance_of
 from rotorjax.reporting.curves import Curve
-from rotorjax.reporting.explanation import balance_of
+from rotorjax.reporting.explanation import notes
 from rotorjax.reporting.sizes import sizes
 from rotorjax.reporting.wording import percent, plain_name, said, with_error
 
-from helpers import write
+from helpers import RIG, write
 
 SPEEDS = np.array([900.0, 1400.0, 1900.0, 2400.0, 2900.0])
 SIGMA = 2e-7
+NARROW = {"unbalance_x_kg_m": 1e-5, "unbalance_y_kg_m": 1e-5}
 
 
 def measured(*hidden, factor: float = 1.0) -> tuple[Model, Measurement]:
@@ -179,6 +183,66 @@ def test_what_leaves_much_gives_no_correction(tmp_path):
     balance = balance_of(found, read_rig(write(tmp_path)[1]))
     assert balance.corrections == ()
     assert balance.why_none.startswith("No correction: what was found leaves ")
+
+
+def test_a_correction_counts_the_participation_that_was_found(tmp_path):
+    """Of a trial weight in the second plane a quarter more reached the disk than stated."""
+    stated, true, speeds = np.array([1.0, 0.8]), np.array([1.0, 1.0]), np.linspace(900.0, 2900.0, 8)
+    weights = np.array([[[0.0, 0.0], [0.0, 0.0]], [[3e-5, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 3e-5]]])
+    conditions = Conditions.at_rpm(np.tile(speeds, 3), unbalance=np.repeat(weights, 8, axis=0))
+    layout, rotor = Layout(planes=("A", "B")), Jeffcott(0.97, [56500.0, 51300.0], [0.02, 0.02])
+    inherent = effects.ResidualUnbalance(2e-5, -1e-5)
+    z = np.asarray(response(Model(rotor, participation=true, layout=layout) + inherent, conditions))
+    rng = np.random.default_rng(1)
+    z = z + SIGMA * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    run = np.repeat(np.arange(3), 8)
+    m = Measurement.from_arrays(z, conditions, sigma=SIGMA, run=run, runs=("a", "b", "c"))
+    model = Model(rotor, participation=stated, layout=layout)
+    planes = "[planes.A]\nparticipation = 1.0\n[planes.B]\nparticipation = 0.8\n[runs.baseline]"
+    text = RIG.replace("[runs.baseline]", planes).replace("angle_deg = 0.0 }\n", 'angle_deg = 0.0, plane = "A" }\n')
+    rig = read_rig(
+        write(tmp_path, rig=text.replace('X = { angle_deg = 0.0, plane = "A" }', "X = { angle_deg = 0.0 }"))[1]
+    )
+    found = fit(model + effects.ResidualUnbalance() + effects.PlaneParticipation(), m, held_out=False)
+    one, other = balance_of_fit(found, rig, m).corrections
+    for correction in (one, other):
+        np.testing.assert_allclose(correction.unbalance.pair, [2e-5, -1e-5], atol=2e-7)
+    assert other.plane.participation == pytest.approx(1.0, abs=0.01)
+    # The error of the participation comes on top of that of the unbalance.
+    assert other.unbalance.half_interval > 1.05 * one.unbalance.half_interval
+
+
+def test_a_bow_in_the_place_of_an_unbalance_says_why_there_is_no_correction(tmp_path):
+    """At one speed a bow that grows does what an unbalance does."""
+    model, conditions = Model(Jeffcott(0.9, 5e4, 0.02)), Conditions.at_rpm(np.full(6, 1500.0))
+    z = np.asarray(response(model + effects.ThermalBow(3e-5, 1e-5), conditions))
+    m = Measurement.from_arrays(z, conditions, sigma=SIGMA)
+    m = dataclasses.replace(m, knowledge=dataclasses.replace(m.knowledge, priors={"residual_unbalance": NARROW}))
+    found = explain(model, m, only=["thermal_bow", "residual_unbalance"], mistakes=False, thorough=False)
+    assert found.effects == ("thermal_bow",)
+    assert "residual unbalance does as well" in balance_of(found, read_rig(write(tmp_path)[1])).why_none
+
+
+def test_another_mass_along_one_axis_does_what_a_stiffness_does_that_grows_with_speed():
+    model, m = measured(effects.SpeedDependentStiffness(0.1, 0.0))
+    only = ["speed_dependent_stiffness", "mass_error", "stiffness_error"]
+    found = explain(model, m, only=only, mistakes=False)
+    assert (found.verdict, found.objections) == ("undecided", (AS_MASS,))
+
+
+def test_standard_errors_that_are_far_too_large_are_said_to_be():
+    model, m = measured(effects.ResidualUnbalance(2e-5, 1e-5))
+    large = dataclasses.replace(m, sigma=3.0 * m.sigma)
+    said_of = [
+        [
+            line
+            for line in notes(explain(model, one, only=["residual_unbalance"], mistakes=False))
+            if "too large" in line
+        ]
+        for one in (m, large)
+    ]
+    assert said_of[0] == []
+    assert "stated 3." in said_of[1][0] or "stated 2." in said_of[1][0]
 
 
 def test_what_hardly_helps_is_not_the_answer():
