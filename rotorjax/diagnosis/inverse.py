@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from jaxtyping import Float
 
 from rotorjax.arrays import require_float64
 from rotorjax.data.measurement import Measurement
@@ -38,6 +39,8 @@ class RunDiagnosis:
     """Squared residual in squared standard errors per degree of freedom; well above one, the model does not hold."""
     model_holds: bool | None
     """Whether the misfit is within the noise; none where the noise is not known, or no reading is left over."""
+    covariance: Float[np.ndarray, "4 4"] | None = None
+    """Of unbalance and bow together (U_x, U_y, s_x, s_y); none where the data do not determine it."""
 
     def __str__(self) -> str:
         faults = (("unbalance", self.unbalance, GRAM_MILLIMETRE, "g mm"), ("bow", self.bow, MICROMETRE, "µm"))
@@ -151,4 +154,4 @@ def _judge(run: str, solution: Solution, model: Model, measurement: Measurement,
     holds = None if solution.chi2 is None else not solution.model_fails
     if solution.rank < 4 or model.slow_roll is not None:
         return RunDiagnosis(run, None, None, False, reason, alone, solution.chi2, holds)
-    return RunDiagnosis(run, unbalance, bow, not reason, reason, alone, solution.chi2, holds)
+    return RunDiagnosis(run, unbalance, bow, not reason, reason, alone, solution.chi2, holds, covariance)

@@ -14,21 +14,35 @@ from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import ExcitationEffect
 from rotorjax.model.model import Model
 
+Pair = Float[np.ndarray, "2"]
+
+
+class Left(NamedTuple):
+    """Vibration at 1X with nothing installed, rms over probes and speeds [m]; without runout."""
+
+    before: float
+    after: float
+    """With the unbalance removed that leaves least."""
+    unbalance_alone: float
+    """With the residual unbalance removed and nothing else."""
+
+    @classmethod
+    def of(
+        cls, vibration: Float[np.ndarray, "number"], slopes: Float[np.ndarray, "number 2"], *removed: Pair
+    ) -> "Left":
+        """With nothing and with each of two unbalances ``removed``."""
+        return cls(*(float(np.sqrt(2.0 * np.mean((vibration - slopes @ u) ** 2))) for u in (np.zeros(2), *removed)))
+
 
 class Together(NamedTuple):
     """What excites a rotor at 1X, as one unbalance on the disk."""
 
     effects: tuple[str, ...]
-    unbalance: Float[np.ndarray, "2"]
+    unbalance: Pair
     """Its removal leaves least [kg m]."""
     by_unknown: Float[np.ndarray, "2 param"]
     """Its change with each unknown of what excites."""
-    before: float
-    """Vibration at 1X with nothing installed, rms over probes and speeds [m]; without runout."""
-    after: float
-    """With that unbalance removed."""
-    unbalance_alone: float
-    """With the residual unbalance removed and nothing else."""
+    left: Left
 
 
 def excites_at_1x(fitted: Fit) -> tuple[str, ...]:
@@ -54,8 +68,20 @@ def together(fitted: Fit, speed_rpm: Float[np.ndarray, "speed"]) -> Together:
         by_unknown[:, unknown] = _equivalent(space.model_at(there), speed_rpm)[0] - found
     own = {e.entry.label: e.value for e in fitted.estimates if e.entry.effect == ResidualUnbalance.name}
     alone = np.array([own[f"unbalance_{axis}_kg_m"] for axis in "xy"])
-    sizes = (float(np.sqrt(2.0 * np.mean((before - slopes @ removed) ** 2))) for removed in (np.zeros(2), found, alone))
-    return Together(names, found, by_unknown, *sizes)
+    return Together(names, found, by_unknown, Left.of(before, slopes, found, alone))
+
+
+def against(
+    model: Model, speed_rpm: Float[np.ndarray, "speed"], faults: Float[np.ndarray, "4"]
+) -> tuple[Pair, Float[np.ndarray, "2 4"], Left]:
+    """The same for an unbalance and a bow (U_x, U_y, s_x, s_y) on the disk: that unbalance, its derivative by them, and
+    what it leaves.
+    """
+    shaft, first = model.without(Runout.name), model.layout.orders.index(1.0)
+    conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
+    slopes = fault_sensitivity(shaft, conditions)[:, :, first].reshape(-1, 4)
+    by_fault = np.linalg.lstsq(slopes[:, :2], slopes)[0]
+    return by_fault @ faults, by_fault, Left.of(slopes @ faults, slopes[:, :2], by_fault @ faults, faults[:2])
 
 
 def _equivalent(

@@ -5,7 +5,8 @@ import numpy as np
 from rotorjax.data.odd_runs import ABOUT_WEIGHTS
 from rotorjax.data.rig import Rig
 from rotorjax.discovery.explanation import Explanation
-from rotorjax.reporting.balance import Balance, balance_lines, balance_of_fit, held_unbalance
+from rotorjax.reporting.balance import balance_lines
+from rotorjax.reporting.to_correct import Balance, balance_of_fit, held_unbalance
 from rotorjax.reporting.wording import said
 
 MOST_LEFT = 0.1

@@ -15,14 +15,13 @@ from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.reporting.balance import (
     balance_json,
     balance_lines,
-    balance_of_diagnosis,
-    held_unbalance,
     influence_json,
     influence_lines,
 )
 from rotorjax.reporting.comparison import measurement_line
 from rotorjax.reporting.intervals import angle_and_error, together, value_and_error
 from rotorjax.reporting.tables import Table, laid_out, number
+from rotorjax.reporting.to_correct import balance_of_diagnosis, held_unbalance
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
 
 SEPARABLE = "separable from bow"

@@ -2,8 +2,11 @@
 
 import numpy as np
 
-from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, fit
+from rotorjax import Conditions, Jeffcott, Measurement, Model, diagnose, effects, fit, read_rig
 from rotorjax.discovery.least_vibration import excites_at_1x, together
+from rotorjax.reporting.to_correct import balance_of_diagnosis
+
+from helpers import RIG, write
 
 MASS, STIFFNESS, RATIO = 2.0, 80e3, 0.03
 OMEGA = np.sqrt(STIFFNESS / MASS)
@@ -32,10 +35,12 @@ def test_the_correction_beside_a_bow_leaves_least_vibration():
     expected = np.vdot(each, z) / np.vdot(each, each)
     np.testing.assert_allclose(complex(*least.unbalance), expected, rtol=1e-3)
     for size, left in (
-        (least.before, z), (least.after, z - each * expected), (least.unbalance_alone, z - each * UNBALANCE)
-    ):  # fmt: skip
+        (least.left.before, z),
+        (least.left.after, z - each * expected),
+        (least.left.unbalance_alone, z - each * UNBALANCE),
+    ):
         np.testing.assert_allclose(size, np.sqrt(np.mean(np.abs(left) ** 2)), rtol=2e-3)
-    assert least.after < least.before
+    assert least.left.after < least.left.before
 
 
 def test_its_error_is_that_of_unbalance_and_bow_together():
@@ -48,3 +53,21 @@ def test_its_error_is_that_of_unbalance_and_bow_together():
 
 def test_an_error_of_the_rotor_excites_nothing():
     assert excites_at_1x(fitted(effects.ResidualUnbalance(), effects.StiffnessError())) == ("residual_unbalance",)
+
+
+def test_what_was_diagnosed_is_corrected_against_unbalance_and_bow_together(tmp_path):
+    """Installed as told, the correction leaves what is told, and no more than before."""
+    shares = "[planes.disk]\nparticipation = 0.5\n[runs.baseline]"
+    rotor = f"mass_kg = {MASS}\nstiffness_n_per_m = {STIFFNESS}\ndamping_ratio = {RATIO}\n"
+    rest = RIG[RIG.index("[probes]") :].replace("[runs.baseline]", shares)
+    rig = read_rig(write(tmp_path, rig=f"[rotor]\n{rotor}{rest}")[1])
+    z = vibration(UNBALANCE, BOW)
+    vectors = np.stack([z, -1j * z], axis=-1)[:, :, None]
+    m = Measurement.from_arrays(vectors, Conditions.at(SPEEDS), sigma=0.1e-6, runs=("baseline",))
+    balance = balance_of_diagnosis(diagnose(rig.model, m), rig, m)
+    (found,) = balance.corrections
+    assert found.beside == ("residual_bow",)
+    left = z - vibration(0.5 * complex(*found.unbalance.pair), 0.0)
+    size = 1e6 * np.sqrt(np.mean(np.abs(left) ** 2))
+    assert size < 1e6 * np.sqrt(np.mean(np.abs(z) ** 2))
+    assert f"{size:.2f} of" in balance.leaves or f"{size:.1f} of" in balance.leaves

@@ -7,8 +7,9 @@ from rotorjax import Conditions, InputError, Jeffcott, Layout, Model, effects, r
 from rotorjax.data.rig_sections import Convention, Plane
 from rotorjax.diagnosis.balancing import Correction, predicted
 from rotorjax.diagnosis.fault import Fault
-from rotorjax.reporting.balance import Balance, balance_json, balance_line, balance_lines, grade_speed
+from rotorjax.reporting.balance import balance_json, balance_line, balance_lines
 from rotorjax.reporting.intervals import angle_and_error, value_and_error
+from rotorjax.reporting.to_correct import Balance, grade_speed
 
 from helpers import RIG, write
 

@@ -14,12 +14,12 @@ from rotorjax.discovery.named_force import reached
 from rotorjax.discovery.progress import REPEATED, ProgressReporter
 from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
-from rotorjax.reporting.balance import balance_of_fit
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
 from rotorjax.reporting.correction import balance_of
 from rotorjax.reporting.curves import Curve
 from rotorjax.reporting.explanation import notes
 from rotorjax.reporting.sizes import sizes
+from rotorjax.reporting.to_correct import balance_of_fit
 from rotorjax.reporting.wording import percent, plain_name, said, with_error
 
 from helpers import RIG, write
