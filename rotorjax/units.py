@@ -57,4 +57,4 @@ def unit_of(name: str) -> Unit:
 def figures(value: float, digits: int = 3) -> str:
     """A number to some significant digits, trailing zeros kept; without a power of ten below ten million."""
     text = f"{value:#.{digits}g}"
-    return f"{value:.0f}" if "e+" in text and abs(value) < 1e7 else text.rstrip(".")
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text.rstrip(".")

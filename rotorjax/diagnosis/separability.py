@@ -101,7 +101,7 @@ def _entanglement(speeds: np.ndarray, model: Model) -> str:
 def _cure(solution: Solution, model: Model, measurement: Measurement, index: int) -> str:
     """The further speed within the limits that would tell them apart best, with the error that it would leave."""
     peaks, limits = _peaks_rpm(model), measurement.knowledge.limits
-    low, high = limits.speed_rpm or (0.3 * peaks.min(), 1.7 * peaks.max())
+    low, high = limits.speed_rpm or (0.5 * measurement.speed_rpm.min(), measurement.speed_rpm.max())
     candidates = np.linspace(low, high, 57)
     conditions = Conditions.at_rpm(candidates, unbalance=np.zeros((len(model.layout.planes), 2)))
     first = measurement.orders.index(1.0)

@@ -14,8 +14,6 @@ from rotorjax.model.parameters import Form, one_of, only, parameter
 
 API_670_GAIN = 0.05
 """Allowed error of a proximity probe's scale factor, interchangeability included (API 670, 5th edition, 2014)."""
-API_670_RUNOUT = 6.35e-6
-"""Allowed combined mechanical and electrical runout, 0.25 mil (API 670, 5th edition, 2014) [m]."""
 
 
 def _of_track(layout: Layout, angles: Float[np.ndarray, "probe"], order: float) -> Form:
@@ -58,8 +56,8 @@ class Runout(ReadingEffect):
         "chapter 6"
     )
     relatives: ClassVar[tuple[str, ...]] = ("residual_bow",)
-    real_m: Array = parameter("part in phase with the reference", scale=API_670_RUNOUT, axes=("probe", "order"))
-    imaginary_m: Array = parameter("part 90° ahead", scale=API_670_RUNOUT, axes=("probe", "order"))
+    real_m: Array = parameter("part in phase with the reference", scale=1.0, of="runout", axes=("probe", "order"))
+    imaginary_m: Array = parameter("part 90° ahead", scale=1.0, of="runout", axes=("probe", "order"))
 
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:

@@ -41,6 +41,10 @@ LEAST_DAMPING_RATIO = 1e-3
 """Damping ratio that sets the scale of damping effects where the rig file has less."""
 
 
+API_670_RUNOUT = 6.35e-6
+"""Allowed combined mechanical and electrical runout, 0.25 mil (API 670, 5th edition, 2014) [m]."""
+RUNOUT_SHARE = 0.25
+"""The same as a share of the vibration that is allowed, where that is more."""
 WITH_AMPLITUDE = {
     "cubic": -2.0,
     "curvature": -1.0,
@@ -73,7 +77,8 @@ class AbstractRotor(eqx.Module):
         """The rig's own scales, in SI, that prior scales refer to.
 
         Eccentricity e = G / ω_n and unbalance M e are those of balance grade G6.3 at the natural frequency; a sweep at
-        the square of the rate of decay moves and widens a resonance by about its own width.
+        the square of the rate of decay moves and widens a resonance by about its own width. Runout is 6.35 µm, or a
+        quarter of e where that is more: API 670, 5th edition, 2014, section 6.1, of the vibration that is allowed.
         """
         mass, stiffness = float(self.mass), float(np.mean(np.asarray(self.stiffness)))
         frequency = math.sqrt(stiffness / mass)
@@ -87,6 +92,7 @@ class AbstractRotor(eqx.Module):
             "compliance": 1.0 / stiffness,
             "period": 1.0 / frequency,
             "eccentricity": eccentricity,
+            "runout": max(API_670_RUNOUT, RUNOUT_SHARE * eccentricity),
             "unbalance": mass * eccentricity,
             "force": stiffness * eccentricity,
             "cubic": stiffness / eccentricity**2,

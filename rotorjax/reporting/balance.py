@@ -21,6 +21,8 @@ MOST_SPEEDS = 12
 """Speeds at which the vibration after the correction is predicted."""
 HARDLY_LESS = 0.95
 """Share of the vibration from which on a correction by influence coefficients leaves as much as there was."""
+DIFFER = 0.05
+"""Share of an unbalance by which two values of it differ at least to be said to."""
 
 
 def balance_lines(found: Balance) -> list[str]:
@@ -89,6 +91,26 @@ def influence_lines(measurement: Measurement, rig: Rig) -> list[str]:
     said = [_influence_line(one, [f"{name} alone"], rig) for name, one in zip(names, alone, strict=True) if one]
     planes = " and ".join(names)
     return [*said, f"The influence vectors of {planes} are nearly proportional: one correction each, either will do."]
+
+
+def differ_lines(balance: Balance, measurement: Measurement, rig: Rig) -> list[str]:
+    """That corrections by the rotor model and by influence coefficients contradict each other, in a sentence."""
+    own = {correction.name: correction.unbalance for correction in balance.corrections}
+    for k, plane in enumerate(weighted_planes(measurement)):
+        name, alone = list(rig.planes)[plane], measured_influence(measurement, using=(k,))
+        if alone is None or name not in own:
+            continue
+        one, other = own[name], alone.unbalance[0]
+        if one.covariance is None or other.covariance is None:
+            continue
+        apart = one._replace(pair=one.pair - other.pair, covariance=one.covariance + other.covariance)
+        if apart.differs_from_zero and apart.magnitude > DIFFER * one.magnitude:
+            return [
+                f"The two differ by {number(apart.magnitude / GRAM_MILLIMETRE, 2)} g mm in plane {name}, more than "
+                "their errors: the rotor, or its weights, may not be as the rig file states (`rotorjax explain` looks "
+                "for what is missing). Influence coefficients need no rotor."
+            ]
+    return []
 
 
 def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:

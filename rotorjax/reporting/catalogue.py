@@ -23,6 +23,7 @@ _QUANTITIES = {
     "compliance": " / K",
     "period": " / ω_n",
     "eccentricity": " × e (G6.3 at ω_n)",
+    "runout": " × r (6.35 µm, or e / 4 if that is more; e: G6.3 at ω_n)",
     "unbalance": " × M e (G6.3 at ω_n)",
     "force": " × K e (G6.3 at ω_n)",
     "cubic": " × K / e² (G6.3 at ω_n)",

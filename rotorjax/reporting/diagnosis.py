@@ -15,6 +15,7 @@ from rotorjax.effects.excitation import ResidualUnbalance
 from rotorjax.reporting.balance import (
     balance_json,
     balance_lines,
+    differ_lines,
     influence_json,
     influence_lines,
 )
@@ -41,8 +42,8 @@ def diagnosis_text(diagnosis: Diagnosis, rig: Rig, measurement: Measurement, *, 
             f"The rig file holds an unbalance of {size} already, under [effects.{ResidualUnbalance.name}]: what is "
             "listed comes on top of it."
         )
-    parts += balance_lines(balance_of_diagnosis(diagnosis, rig, measurement))
-    parts += influence_lines(measurement, rig)
+    balance = balance_of_diagnosis(diagnosis, rig, measurement)
+    parts += [*balance_lines(balance), *influence_lines(measurement, rig), *differ_lines(balance, measurement, rig)]
     return laid_out(parts, width, everything="--json FILE")
 
 

@@ -48,6 +48,16 @@ def _does_better(found: Explanation, fitted: Fit) -> bool:
     return fitted.stage.measurement.rms_of(fitted.predicted) < LESS * found.story.last.rms
 
 
+def _tells_more(found: Explanation, named: NamedForce, fitted: Fit) -> bool:
+    """Whether terms that are not enough, either, do more than the answer: there are others among them, they leave less
+    of what was read, and of data held out.
+    """
+    held, theirs = fitted.held_out_rms, found.story.fits[-1].held_out_rms
+    if held is not None and theirs is not None and held > LESS * theirs:
+        return False
+    return bool({term.term for term in named.terms} - set(found.effects)) and _does_better(found, fitted)
+
+
 def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
     """The terms, and the error with them."""
     after = number(found.story.measurement.rms_of(fitted.predicted) / MICROMETRE)
@@ -79,8 +89,8 @@ def _named(found: Explanation, named: NamedForce, fitted: Fit) -> str:
         if found.contest.measurement.sigma is None
         else ", still more than the noise"
     )
-    if not named.enough and {term.term for term in named.terms} <= set(found.effects):
-        return "What is left has no simple shape: the terms of the missing force are among the effects that were found."
+    if not named.enough and not _tells_more(found, named, fitted):
+        return f"The missing force has no simple shape; it is {_how_large(named.force)}."
     return (
         f"The missing force, {beside}, looks like this: {words}. Added as a term it brings the error to {after} "
         f"µm rms{held}{rest}."

@@ -12,7 +12,8 @@ import pytest
 
 from rotorjax import Conditions, Jeffcott, Measurement, Model, diagnose, effects, read_rig, response
 from rotorjax.diagnosis.influence_coefficients import influence_balance, measured_influence, weighted_planes
-from rotorjax.reporting.balance import influence_lines
+from rotorjax.reporting.balance import differ_lines, influence_lines
+from rotorjax.reporting.to_correct import balance_of_diagnosis
 
 from helpers import RIG, write
 
@@ -157,3 +158,19 @@ def test_published_corrections(case, kept):
         ratio = -complex(*fault.pair) / correction
         assert abs(abs(ratio) - 1.0) < 0.02
         assert abs(math.degrees(cmath.phase(ratio))) < 2.5
+
+
+def test_a_correction_by_the_model_that_contradicts_it_is_said_to(tmp_path):
+    """The shaft is a tenth softer than the rig file says, where only speeds below resonance were read."""
+    rig = read_rig(write(tmp_path)[1])
+    rotor = Jeffcott(0.97, [0.9 * 56500.0, 0.9 * 51300.0], [0.02, 0.02])
+    speeds, run = np.tile([600.0, 800.0, 1000.0], 3), np.repeat([0, 1, 2], 3)
+    weights = np.array([[0.0, 0.0], [6e-5, 0.0], [0.0, 6e-5]])[run]
+    there = Conditions.at_rpm(speeds, unbalance=(weights + np.array([2e-5, -2e-5]))[:, None])
+    stated = Conditions.at_rpm(speeds, unbalance=weights[:, None])
+    for model, lines in ((Model(rotor), 1), (rig.model, 0)):
+        z = np.asarray(response(model, there))
+        m = Measurement.from_arrays(z, stated, run=run, runs=("baseline", "a", "b"), sigma=2e-7)
+        told = differ_lines(balance_of_diagnosis(diagnose(rig.model, m), rig, m), m, rig)
+        assert len(told) == lines
+        assert not told or "Influence coefficients need no rotor" in told[0]

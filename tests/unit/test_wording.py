@@ -21,6 +21,7 @@ from rotorjax.reporting.explanation import notes
 from rotorjax.reporting.sizes import sizes
 from rotorjax.reporting.to_correct import balance_of_fit
 from rotorjax.reporting.wording import percent, plain_name, said, with_error
+from rotorjax.units import figures
 
 from helpers import RIG, write
 
@@ -111,7 +112,7 @@ def test_one_definition_of_how_far_off_a_model_is():
     assert m.noise_rms == pytest.approx(np.sqrt(2.0) * SIGMA)
     assert story.noise_um() == pytest.approx(1e6 * m.noise_rms)
     assert "0.200 µm per component (given): noise alone is 0.283 µm rms" in measurement_line(m)
-    assert f"reduced chi² {story.declared.reduced_chi2:.0f} (1 = noise only)" in verdict(story)
+    assert f"reduced chi² {figures(story.declared.reduced_chi2)} (1 = noise only)" in verdict(story)
     assert "times the standard error" not in verdict(story)
 
 
