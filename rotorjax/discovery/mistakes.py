@@ -144,7 +144,7 @@ def _begun(contest: Contest, changes: list[Change], of_readings: float, most: in
     weights = [Screened(one, stated.end) for one in changes if one.of_weight]
     if ahead := _ahead_with_a_force(begun, weights, progress):
         return _Beginning(begun, changes, stated, ahead=ahead)
-    begun = begun if stated.may_hold else with_set(begun, most)
+    begun = with_set(with_set(begun, most, {stated.beside: stated.end}) if stated.may_hold else begun, most)
     if begun.holds:
         return _Beginning(begun, changes, stated)
     if ahead := _ahead_with_a_pair(weights, most):
