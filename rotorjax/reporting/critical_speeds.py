@@ -86,7 +86,8 @@ def _stability_line(found: Lateral) -> str:
         return f"Least {decrement} in {_range(speeds)}{asked}."
     if least.onset_rpm <= speeds.low_rpm:
         return f"Unstable from the lowest of {_range(speeds)} on: {decrement}."
-    where = "" if least.onset_rpm <= speeds.high_rpm else f", above {_range(speeds)}, if what was found grows on as there"
+    beyond = f", above {_range(speeds)}, if what was found grows on as there"
+    where = "" if least.onset_rpm <= speeds.high_rpm else beyond
     return f"Unstable from {least.onset_rpm:.0f} rpm on{where}: {decrement}."
 
 
