@@ -90,7 +90,8 @@ class ProbeGain(ReadingEffect):
 
     @classmethod
     def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
-        return one_of(f"gain.{probe}" for probe in layout.probes)
+        labels = [f"gain.{probe}" for probe in layout.probes]
+        return (*one_of(labels), (dict.fromkeys(labels, 1.0),))
 
     def reading(self, point: OperatingPoint) -> Reading:
         return Reading(gain=1.0 + self.gain)

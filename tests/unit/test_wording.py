@@ -231,6 +231,13 @@ def test_another_mass_along_one_axis_does_what_a_stiffness_does_that_grows_with_
     assert (found.verdict, found.objections) == ("undecided", (AS_MASS,))
 
 
+def test_gains_of_all_probes_alike_are_not_told_from_one_of_the_chain():
+    model, m = measured(factor=0.93)
+    found = explain(model, m, only=["chain_gain", "probe_gain"], mistakes=False)
+    assert found.verdict == "undecided"
+    assert {name for group in found.ties.groups() for names in group for name in names} == {"chain_gain", "probe_gain"}
+
+
 def test_standard_errors_that_are_far_too_large_are_said_to_be():
     model, m = measured(effects.ResidualUnbalance(2e-5, 1e-5))
     large = dataclasses.replace(m, sigma=3.0 * m.sigma)
