@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorjax import Jeffcott
 from rotorjax.effects import CATALOG
-from rotorjax.model.contract import RestoringEffect, WaveformEffect
+from rotorjax.model.contract import API_670_RUNOUT, RestoringEffect, WaveformEffect
 
 import hidden
 
@@ -39,6 +39,10 @@ LEFT_OUT = {
 }  # fmt: skip
 
 
+SCALES = {"runout": API_670_RUNOUT}
+"""Prior scales that were others when the cases were drawn."""
+
+
 def draw_effects(rng: np.random.Generator, rotor: Jeffcott) -> dict[str, list[float]]:
     """None, one or two effects, each parameter a half to one and a half prior scales from its null."""
     # One plane, 1X only, steady speeds, and nothing that makes the orders depend on one another.
@@ -50,7 +54,8 @@ def draw_effects(rng: np.random.Generator, rotor: Jeffcott) -> dict[str, list[fl
         values = []
         for p in CATALOG[name].parameters():
             count = 2 if "probe" in p.axes else 1
-            values += (p.prior_scale(rotor) * rng.uniform(0.5, 1.5, count) * rng.choice([-1.0, 1.0], count)).tolist()
+            scale = SCALES.get(p.of) or p.prior_scale(rotor)
+            values += (scale * rng.uniform(0.5, 1.5, count) * rng.choice([-1.0, 1.0], count)).tolist()
         if name == "foundation":
             values[0] = abs(values[0])
         drawn[name] = values
