@@ -198,17 +198,19 @@ def draw_reliability(rows: Sequence[Row], path: Path) -> None:
     """Share right over probability stated."""
     figure, ax = plt.subplots(figsize=(4.5, 4.5), layout="constrained")
     ax.plot([0, 1], [0, 1], color="grey", lw=1)
-    # Numbers of the one series below its points, of the other above.
-    for key, label, beside in (
-        ("probability", "among sets fitted", -9),
-        ("step_probability", "step by step, as ranked", 4),
-    ):
+    series = {}
+    for key, label in (("probability", "among sets fitted"), ("step_probability", "step by step, as ranked")):
         found = calibration([row for row in rows if row.get(key) is not None], key)
         if found is not None:
-            p, share, count = np.array(found.bins).T
-            ax.plot(p, share, "o-", label=label)
-            for x, y, n in zip(p, share, count, strict=True):
-                ax.annotate(f"{n:.0f}", (x, y), textcoords="offset points", xytext=(4, beside), fontsize=7)
+            series[label] = np.array(found.bins).T
+    for label, (p, share, count) in series.items():
+        (line,) = ax.plot(p, share, "o-", label=label)
+        # Numbers on the side away from the other series.
+        (other,) = [one for name, one in series.items() if name != label] or [(p, share - 1.0)]
+        for x, y, n in zip(p, share, count, strict=True):
+            above = y > other[1][np.argmin(np.abs(other[0] - x))]
+            place = {"xytext": (0, 6 if above else -12), "ha": "center", "fontsize": 7, "color": line.get_color()}
+            ax.annotate(f"{n:.0f}", (x, y), textcoords="offset points", **place)
     ax.set_xlabel("probability stated")
     ax.set_ylabel("share right")
     if ax.get_legend_handles_labels()[0]:
