@@ -486,6 +486,17 @@ def test_a_mistake_beside_a_force_without_which_nothing_linear_shows_it(seed):
     assert (found.verdict, found.named) == ("explained", (mistake, *drawn.effects))
 
 
+def test_all_linear_effects_at_once_hold_where_a_wrong_damping_hides_beside_an_unbalance():
+    """One run of a turbocharger, nothing installed: under the noise of the table alone the fit gets lost."""
+    rotor, rng, sigma = Jeffcott(0.3, [1.0e7, 9.3e6], [0.06, 0.06]), np.random.default_rng(0), 2e-8
+    conditions = Conditions.at_rpm(np.linspace(15e3, 120e3, 30))
+    hidden = [effects.ResidualUnbalance(4.1e-7, 2.9e-7), effects.DampingError(0.6, 0.6)]
+    z = np.asarray(response(Model(rotor).plus(hidden), conditions))
+    z = z + sigma * (rng.standard_normal(z.shape) + 1j * rng.standard_normal(z.shape))
+    contest = make_contest(Model(rotor), Measurement.from_arrays(z, conditions, sigma=sigma), CATALOG)
+    assert as_stated(contest).holds
+
+
 @pytest.mark.campaign
 def test_a_weight_on_the_opposite_side_beside_a_strong_spring_takes_more_than_the_usual_limit():
     """Nothing by itself shows either: every force by itself is fitted beside every mistake."""
