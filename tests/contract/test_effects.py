@@ -162,3 +162,10 @@ def test_values_that_can_hardly_be_are_objected_to(effect, words):
     rotor = Jeffcott(0.9686, [56538.0, 51282.0], [0.03, 0.05], gravity=[0.0, -9.81])
     told = [text for text in (effect.objection(rotor), effect.remark(rotor)) if text is not None]
     assert not told if words is None else len(told) == 1 and words in told[0]
+
+
+def test_runout_may_be_a_quarter_of_the_vibration_that_is_allowed():
+    """6.35 µm on a turbocharger; a quarter of 103 µm, which is grade G6.3 at 585 rpm, on a fan."""
+    (declared, _) = CATALOG["runout"].parameters()
+    assert declared.prior_scale(Jeffcott(0.3, 1e7, 0.05)) == pytest.approx(6.35e-6)
+    assert declared.prior_scale(Jeffcott(2.0, 7500.0, 0.05)) == pytest.approx(0.25 * 6.3e-3 / np.sqrt(7500.0 / 2.0))
