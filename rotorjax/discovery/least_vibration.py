@@ -77,9 +77,8 @@ def against(
     """The same for an unbalance and a bow (U_x, U_y, s_x, s_y) on the disk: that unbalance, its derivative by them, and
     what it leaves.
     """
-    shaft, first = model.without(Runout.name), model.layout.orders.index(1.0)
-    conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
-    slopes = fault_sensitivity(shaft, conditions)[:, :, first].reshape(-1, 4)
+    slopes = fault_sensitivity(*_nothing_installed(model, speed_rpm))[:, :, model.layout.orders.index(1.0)]
+    slopes = slopes.reshape(-1, 4)
     by_fault = np.linalg.lstsq(slopes[:, :2], slopes)[0]
     return by_fault @ faults, by_fault, Left.of(slopes @ faults, slopes[:, :2], by_fault @ faults, faults[:2])
 
@@ -88,9 +87,14 @@ def _equivalent(
     model: Model, speed_rpm: Float[np.ndarray, "speed"]
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "number"], Float[np.ndarray, "number 2"]]:
     """That unbalance, the vibration in real numbers, and its slopes by an unbalance."""
-    shaft, first = model.without(Runout.name), model.layout.orders.index(1.0)
-    conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
+    first, (shaft, conditions) = model.layout.orders.index(1.0), _nothing_installed(model, speed_rpm)
     vectors = np.asarray(response_to(shaft, conditions, np.zeros((len(speed_rpm), 4))))[:, :, first]
     slopes = fault_sensitivity(shaft, conditions)[:, :, first, :, :2].reshape(-1, 2)
     numbers = numpy_pair(vectors).ravel()
     return np.linalg.lstsq(slopes, numbers)[0], numbers, slopes
+
+
+def _nothing_installed(model: Model, speed_rpm: Float[np.ndarray, "speed"]) -> tuple[Model, Conditions]:
+    """The rotor read without runout, and these speeds."""
+    conditions = Conditions.at_rpm(speed_rpm, unbalance=np.zeros((len(model.layout.planes), 2)))
+    return model.without(Runout.name), conditions

@@ -39,7 +39,7 @@ def of_what_fails(
     if changes and not any(one.holds for one in screened):
         # How far off all are decides then.
         if stated.end.result == LEFT_BEHIND:
-            stated = as_stated(stated.change.contest, to_the_end=True)
+            stated = as_stated(stated.change.contest, level=level, to_the_end=True)
         screened = [under_table_noise(one, hopeless=max(enough, HALVED * stated.end.cost)) for one in screened]
     ahead = [
         fitted

@@ -142,17 +142,18 @@ class Screened(NamedTuple):
         return abs(self.end.cost - other.end.cost) > SAME
 
 
-def as_stated(contest: Contest, *, to_the_end: bool = False) -> Screened:
+def as_stated(contest: Contest, *, level: Screened | None = None, to_the_end: bool = False) -> Screened:
     """What is stated, under the noise of the table: where linear effects do not hold, from where they end under a wide
     one, and with a sweep if that helps.
 
-    **Arguments:** ``to_the_end``: also where it promises to miss by far.
+    **Arguments:** ``level``: the fit under a wide noise, if there is one; ``to_the_end``: also where it promises to
+    miss by far.
     """
     change = Change(None, contest)
     enough = math.inf if to_the_end else contest.far_off
     stated = screen(change, NO_NOISE, hopeless=enough)
     if not stated.holds:
-        rough = screen(change, wide_noise(contest.measurement))
+        rough = level or screen(change, wide_noise(contest.measurement))
         stated = min(stated, under_table_noise(rough, hopeless=enough), key=lambda one: one.end.cost)
     if not stated.holds and (sweeps := contest.sweeping):
         also = screen(change, NO_NOISE, also=sweeps, hopeless=enough)
