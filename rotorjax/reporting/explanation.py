@@ -10,6 +10,7 @@ from rotorjax.discovery.probable import CREDIBLE, credible
 from rotorjax.discovery.ranking import DETECTED, Ranked
 from rotorjax.discovery.rivals import TIE
 from rotorjax.discovery.ties import Alternative
+from rotorjax.inference.covariance import anything_random
 from rotorjax.reporting.answer import (
     as_if_lines,
     fall_line,
@@ -24,6 +25,7 @@ from rotorjax.reporting.answer import (
 from rotorjax.reporting.balance import predicted_table
 from rotorjax.reporting.comparison import (
     CHI2,
+    SUSPICIOUS_CHI2,
     findings,
     measurement_line,
     share_table,
@@ -166,9 +168,16 @@ def _of_what_is_left(found: Explanation) -> list[str]:
 
 
 def _less_than_noise(found: Explanation) -> list[str]:
-    """Whether much less is left than the standard errors of the table say."""
-    last, p = found.story.last, found.p_value
-    if p is None or p.value < CERTAIN or last.reduced_chi2 is None or last.reduced_chi2 > OVERSTATED:
+    """Whether much less is left than the standard errors of the table say, where nothing else is declared or found that
+    would be random.
+    """
+    last, p, knowledge = found.story.last, found.p_value, found.contest.measurement.knowledge
+    if knowledge.tolerance > 0.0 or anything_random(knowledge, found.contest.floor.scatter):
+        return []
+    if p is None or p.value < CERTAIN or last.reduced_chi2 is None:
+        return []
+    # Of what is less `findings` tells.
+    if not SUSPICIOUS_CHI2 <= last.reduced_chi2 <= OVERSTATED:
         return []
     times = number(1.0 / math.sqrt(last.reduced_chi2), 2)
     return [

@@ -240,16 +240,17 @@ def test_gains_of_all_probes_alike_are_not_told_from_one_of_the_chain():
 
 def test_standard_errors_that_are_far_too_large_are_said_to_be():
     model, m = measured(effects.ResidualUnbalance(2e-5, 1e-5))
-    large = dataclasses.replace(m, sigma=3.0 * m.sigma)
+    large = dataclasses.replace(m, sigma=2.5 * m.sigma)
+    loose = dataclasses.replace(large, knowledge=dataclasses.replace(m.knowledge, installed_unbalance=0.05))
     said_of = [
         [
             line
             for line in notes(explain(model, one, only=["residual_unbalance"], mistakes=False))
-            if "too large" in line
+            if "times too large" in line
         ]
-        for one in (m, large)
+        for one in (m, large, loose)
     ]
-    assert said_of[0] == []
+    assert said_of[0] == said_of[2] == []
     assert "stated 3." in said_of[1][0] or "stated 2." in said_of[1][0]
 
 
