@@ -156,7 +156,7 @@ class _Checks:
         self.recording, self.channels = recording, channels
         self.probes = tuple(waveform.probes)
         self.samples, self.step = 0, 0.0
-        self._last = -np.inf
+        self._first, self._last = np.inf, -np.inf
         self._low, self._high = np.full(len(self.probes), np.inf), np.full(len(self.probes), -np.inf)
 
     def _place(self, k: int) -> str:
@@ -197,7 +197,7 @@ class _Checks:
             assert self.channels.rate is not None
             self.step = 1.0 / self.channels.rate
             return
-        place = f"{self.recording.path}: channel {self.recording.names[self.channels.time]!r} (time)"
+        place = self._place_of_time(self.channels.time)
         steps = np.diff(time, prepend=self._last)
         bad = np.flatnonzero(~(steps > 0.0))
         if len(bad):
@@ -212,7 +212,11 @@ class _Checks:
                 f"{place} has a gap before t = {time[gap[0]]:.9g} s, {steps[gap[0]]:.3g} s instead of "
                 f"{self.step:.3g} s; cut the record to one side of it, or make two recordings of it"
             )
-        self._last = time[-1]
+        self._first, self._last = min(self._first, time[0]), time[-1]
+
+    def _place_of_time(self, channel: int) -> str:
+        """That of the time, in a message."""
+        return f"{self.recording.path}: channel {self.recording.names[channel]!r} (time)"
 
     def close(self) -> None:
         """Check what only the whole shows.
@@ -226,6 +230,14 @@ class _Checks:
                 f"{self._place(k)} is constant at {self._low[k]:g}; check that the probe is connected and that this is "
                 "its channel"
             )
+        stated = self.channels.rate
+        if self.channels.time is not None and stated and self.samples > 1:
+            own = (self.samples - 1) / (self._last - self._first)
+            if abs(own / stated - 1.0) > SAME_RATE:
+                raise InputError(
+                    f"{self._place_of_time(self.channels.time)} rises as at {own:g} Hz, where {stated:g} Hz is stated; "
+                    "leave sample_rate_hz out, or the time if that is wrong"
+                )
 
 
 def _clipped(values: Float[np.ndarray, "sample"]) -> float:
