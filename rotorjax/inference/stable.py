@@ -12,8 +12,8 @@ from rotorjax.inference.curvature import inverse
 from rotorjax.inference.descent import End
 from rotorjax.inference.evidence import SEEN
 from rotorjax.inference.space import Space
-from rotorjax.inference.whirl_modes import RotorInTime
-from rotorjax.model.contract import MatrixEffect, RestoringEffect, SpeedEffect, SupportEffect, SweepEffect
+from rotorjax.inference.whirl_modes import STRUCTURE, RotorInTime
+from rotorjax.model.contract import RestoringEffect, SweepEffect
 from rotorjax.physics.stability import SELF_EXCITING
 
 DIFFERENCE = 1e-3
@@ -36,7 +36,7 @@ def cost_of_stability(end: End, space: Space, speed_rpm: Float[np.ndarray, "spee
     worst, here = speed_rpm[[np.argmin(ratio)]], np.min(ratio)
     covariance = inverse(end.curvature)
     gradient = np.zeros(len(end.free))
-    for k in np.flatnonzero(space.of_kind(MatrixEffect | SupportEffect | SpeedEffect)[end.free]):
+    for k in np.flatnonzero(space.of_kind(STRUCTURE)[end.free]):
         step = DIFFERENCE * np.sqrt(covariance[k, k])
         there = end.point.copy()
         there[end.free[k]] += step

@@ -12,16 +12,19 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Complex, Float
 
-from rotorjax.inference.linear_rotor import with_null_linear_effects
+from rotorjax.effects import CATALOG
 from rotorjax.inference.programs import LINEAR_CHUNK, compiled, nameless
 from rotorjax.model.conditions import Conditions
+from rotorjax.model.contract import MatrixEffect, SpeedEffect, SupportEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.assembly import true_speed
 from rotorjax.physics.harmonic_balance import make_grid
-from rotorjax.physics.steady_state import by_order
+from rotorjax.physics.steady_state import by_order, without_coupling
 from rotorjax.physics.time_integration import linear_in_time
 from rotorjax.units import RPM
 
+STRUCTURE = MatrixEffect | SupportEffect | SpeedEffect
+"""Effects that change the equation of motion, or the speed at which it holds; all others act on it, or are read."""
 ROUNDING = 1e-9
 """Part of an eigenvalue that is rounding: smaller real or imaginary parts count as none."""
 
@@ -82,10 +85,12 @@ class _InTime(NamedTuple):
 
 
 class RotorInTime:
-    """M q̈ + C q̇ + K q = 0 at any speeds, of a model in company of all linear effects of the catalogue."""
+    """M q̈ + C q̇ + K q = 0 at any speeds, of a model in company of all effects of the catalogue that change it."""
 
     def __init__(self, model: Model) -> None:
-        full = with_null_linear_effects(model)
+        linear = without_coupling(model)
+        own = linear.without(*(e.name for e in linear.effects if not isinstance(e, STRUCTURE)))
+        full = own.with_null_effects(cls for cls in CATALOG.values() if issubclass(cls, STRUCTURE))
         self._spin = int(model.rotor.spin)
         self._at = compiled(_matrices, nameless(full), full, LINEAR_CHUNK)
 
