@@ -105,6 +105,8 @@ class Knowledge:
     """Effect -> parameter -> standard deviation in SI of a normal prior, instead of the declared one."""
     tolerance: float = 0.0
     run_scatter: Literal["auto", "none"] = "auto"
+    scatter_from_runs: int = 4
+    """Runs from which on scatter between them is inferred."""
     limits: Limits = dataclasses.field(default_factory=Limits)
     slow_roll_rpm: float = SLOW_ROLL_RPM
     """Speed of the slow roll, were its vectors subtracted."""

@@ -29,6 +29,7 @@ from rotorjax.discovery.contest import Contest
 from rotorjax.discovery.doubtful_readings import doubtful_readings
 from rotorjax.discovery.nearest_changes import of_what_fails
 from rotorjax.discovery.progress import Progress
+from rotorjax.discovery.scattered_runs import with_scatter
 from rotorjax.discovery.screening import FAR_LESS, Change, Screened, as_stated, screen
 from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, wide_noise, with_set
 from rotorjax.discovery.ties import settled
@@ -62,6 +63,10 @@ def race_of_mistakes(
     of_readings = _odds_of_readings(stated_changes) if WRONG in kinds and contest.measurement.rms > 0.0 else 0.0
     beginning = _begun(contest, stated_changes, of_readings, most, progress)
     begun, stated = beginning.search, beginning.stated
+    if beginning.scattered is not None:
+        own = _search_as_stated(begin(beginning.scattered), None, most, progress, endless=False)
+        if not misses(own):
+            return MistakeRace((own,))
     if not (beginning.changes or of_readings):
         return MistakeRace((_search_as_stated(begun, stated, most, progress, endless=False),), tried=False)
     doubts = Doubts(
@@ -121,6 +126,8 @@ class _Beginning(NamedTuple):
     """
     ahead: list[Screened] = []  # noqa: RUF012
     """Those that leave far less, as in `of_what_fails`, or changes of the rotor's weight."""
+    scattered: Contest | None = None
+    """What is stated, with a scatter between three runs, where nothing else holds."""
 
     @property
     def endless(self) -> bool:
@@ -159,7 +166,8 @@ def _begun(contest: Contest, changes: list[Change], of_readings: float, most: in
     if better.may_hold and not stated.may_hold:
         known = {**begun.known, **begun.quiet_race.contenders}
         begun = begin(dataclasses.replace(contest, linear_may_hold=True), known=known, progress=progress)
-    return _Beginning(begun, changes, better, screened, ahead)
+    scattered = None if any(one.holds for one in screened) else with_scatter(level)
+    return _Beginning(begun, changes, better, screened, ahead, scattered)
 
 
 def _begun_without_noise(contest: Contest, changes: list[Change], of_readings: float, progress: Progress) -> _Beginning:

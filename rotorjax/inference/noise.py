@@ -47,12 +47,12 @@ LEAST_GAIN = 2.0
 
 
 def scatter_wanted(measurement: Measurement) -> bool:
-    """Whether scatter between runs can be inferred: four runs, known noise, neither switched off nor declared by the
-    user.
+    """Whether scatter between runs can be inferred: from enough runs, with known noise, neither switched off nor
+    declared by the user.
     """
     known = measurement.knowledge
     return (
-        len(measurement.runs) >= FEW_RUNS
+        len(measurement.runs) >= known.scatter_from_runs
         and known.run_scatter == "auto"
         and measurement.sigma is not None
         and not anything_random(known, NO_SCATTER)

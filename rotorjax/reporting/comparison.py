@@ -261,10 +261,15 @@ def _scatter_line(story: Story) -> str:
     share = scatter_share(story.measurement, story.fits[-1].model, story.last.residual, scatter)
     sizes = [f"unbalance of {number(scatter.unbalance_kg_m / GRAM_MILLIMETRE)} g mm"] if scatter.unbalance_kg_m else []
     sizes += [f"bow of {number(scatter.bow_m / MICROMETRE)} µm"] if scatter.bow_m else []
+    told = (
+        ""
+        if len(story.measurement.runs) >= FEW_RUNS
+        else " Three runs do not tell that from one run that is other than stated."
+    )
     return (
         f"Scatter between runs: a random {' and a '.join(sizes)} per run and component, inferred from what influence "
         "coefficients leave, "
-        f"accounts for {100.0 * share:.0f} % of the squared residual."
+        f"accounts for {100.0 * share:.0f} % of the squared residual.{told}"
     )
 
 

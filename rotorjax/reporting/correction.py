@@ -25,8 +25,8 @@ def correction_lines(found: Explanation, rig: Rig | None) -> list[str]:
         doubt = ", if the installed weights are as stated"
     if found.verdict == "unexplained":
         doubt = (
-            ", although what was found does not explain the data (influence coefficients, by `rotorjax diagnose`, need "
-            "no rotor model)"
+            ", although what was found does not explain the data, so that more than these errors may be wrong "
+            "(influence coefficients, by `rotorjax diagnose`, need no rotor model)"
         )
     return balance_lines(balance_of(found, rig)._replace(proviso=doubt))
 
@@ -37,6 +37,11 @@ def balance_of(found: Explanation, rig: Rig | None) -> Balance:
         return Balance()
     story = found.story
     left = story.last.rms / story.measurement.rms if story.measurement.rms > 0.0 else 0.0
+    if found.verdict == "unexplained" and not story.fits[-1].converged and "residual_unbalance" in found.named:
+        return Balance(
+            why_none="No correction: the fit has not settled. Influence coefficients (`rotorjax diagnose`) need no rotor "
+            "model."
+        )
     if found.verdict == "unexplained" and left > MOST_LEFT and "residual_unbalance" in found.named:
         return Balance(
             why_none=f"No correction: what was found leaves {100.0 * left:.0f} % of what was measured. Influence "

@@ -11,6 +11,7 @@ from rotorjax.discovery.screening import Change
 from rotorjax.inference.data import make_data
 from rotorjax.inference.linearised import Linearisation, Point
 from rotorjax.inference.noise import NO_NOISE, NO_SCATTER
+from rotorjax.reporting.explanation import explanation_text
 
 from hidden import Machine, Plan, measure
 
@@ -26,11 +27,14 @@ KINDS = (
 )  # fmt: skip
 
 
-def measured(made, runs=tuple(TRIALS), sigma=0.3e-6, change=None):
-    """Integrated in time with the unbalance of each run as it was ``made``; stated is what `TRIALS` says."""
+def measured(made, runs=tuple(TRIALS), sigma=0.3e-6, change=None, bows=None):
+    """Integrated in time with the unbalance of each run as it was ``made``, and with ``bows`` of each if there are any;
+    stated is what `TRIALS` says.
+    """
     weights = {run: [made.get(run, TRIALS[run]) + RESIDUAL] for run in runs}
     rng = np.random.default_rng(4)
-    z = measure(MACHINE, Plan(weights, SPEEDS, sigma=sigma), {}, rng)
+    plans = [Plan({run: weights[run]}, SPEEDS, bow=bow, sigma=sigma) for run, bow in (bows or {}).items()]
+    z = np.concatenate([measure(MACHINE, plan, {}, rng) for plan in plans or [Plan(weights, SPEEDS, sigma=sigma)]])
     run = np.repeat(np.arange(len(runs)), len(SPEEDS))
     z = z if change is None else change(z, run)
     sigma = sigma if change is None else np.abs(change(np.full(z.shape, sigma), run))
@@ -68,6 +72,18 @@ def test_a_weight_lost_before_the_last_run_is_named_and_no_scatter():
     assert "g mm at 217°" in found.mistake.meaning
     unbalance = [found.story.fits[-1].estimate("residual_unbalance", f"unbalance_{a}_kg_m").value for a in "xy"]
     np.testing.assert_allclose(unbalance, [RESIDUAL.real, RESIDUAL.imag], atol=0.5e-6)
+
+
+def test_a_bow_that_drifts_is_scatter_of_three_runs_not_an_effect_of_the_chain():
+    runs = ("baseline", "trial-a", "trial-b")
+    bows = dict(zip(runs, (4e-6 * np.exp(0.3j), 10e-6 * np.exp(0.8j), 15e-6 * np.exp(1.2j)), strict=True))
+    found = answer(measured({}, runs, bows=bows))
+    assert (found.verdict, found.named) == ("undecided", ("residual_unbalance",))
+    assert found.noise.scatter.unbalance_kg_m == 0.0
+    assert 2e-6 < found.noise.scatter.bow_m < 15e-6
+    unbalance = [found.story.fits[-1].estimate("residual_unbalance", f"unbalance_{a}_kg_m").value for a in "xy"]
+    np.testing.assert_allclose(unbalance, [RESIDUAL.real, RESIDUAL.imag], atol=1e-6)
+    assert "Three runs do not tell that from one run that is other than stated." in explanation_text(found)
 
 
 @pytest.mark.campaign

@@ -15,7 +15,7 @@ from rotorjax.discovery.progress import REPEATED, ProgressReporter
 from rotorjax.reporting import plots
 from rotorjax.reporting.answer import as_if_lines, sentence, slight
 from rotorjax.reporting.comparison import measurement_line, parameter_table, verdict, worst_cells
-from rotorjax.reporting.correction import balance_of
+from rotorjax.reporting.correction import balance_of, correction_lines
 from rotorjax.reporting.curves import Curve
 from rotorjax.reporting.explanation import notes
 from rotorjax.reporting.sizes import sizes
@@ -184,6 +184,18 @@ def test_what_leaves_much_gives_no_correction(tmp_path):
     balance = balance_of(found, read_rig(write(tmp_path)[1]))
     assert balance.corrections == ()
     assert balance.why_none.startswith("No correction: what was found leaves ")
+
+
+def test_a_fit_that_has_not_settled_gives_no_correction(tmp_path):
+    model, m = measured(effects.ResidualUnbalance(2e-5, 1e-5), effects.CrossCoupling(250.0))
+    found = explain(model, m, only=["residual_unbalance"], mistakes=False, thorough=False)
+    rig = read_rig(write(tmp_path)[1])
+    assert found.verdict == "unexplained"
+    assert "more than these errors may be wrong" in " ".join(correction_lines(found, rig))
+    last = dataclasses.replace(found.story.fits[-1], converged=False)
+    story = dataclasses.replace(found.story, fits=(*found.story.fits[:-1], last))
+    unsettled = dataclasses.replace(found, story=story)
+    assert "the fit has not settled" in balance_of(unsettled, rig).why_none
 
 
 def test_a_correction_counts_the_participation_that_was_found(tmp_path):
