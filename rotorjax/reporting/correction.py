@@ -39,8 +39,8 @@ def balance_of(found: Explanation, rig: Rig | None) -> Balance:
     left = story.last.rms / story.measurement.rms if story.measurement.rms > 0.0 else 0.0
     if found.verdict == "unexplained" and not story.fits[-1].converged and "residual_unbalance" in found.named:
         return Balance(
-            why_none="No correction: the fit has not settled. Influence coefficients (`rotorjax diagnose`) need no rotor "
-            "model."
+            why_none="No correction: the fit has not settled. Influence coefficients (`rotorjax diagnose`) need no "
+            "rotor model."
         )
     if found.verdict == "unexplained" and left > MOST_LEFT and "residual_unbalance" in found.named:
         return Balance(
