@@ -93,6 +93,11 @@ def _healthy(chi2: float, view: Comparison) -> bool:
     return chi2 <= 1.0 + 4.0 * math.sqrt(2.0 / np.count_nonzero(view.measurement.weights(0.0)))
 
 
+def _critical_speeds(story: Story) -> list[str]:
+    chi2 = story.fits[-1].reduced_chi2 if story.fits else None
+    return critical_speeds_lines(story, explains=chi2 is None or _healthy(chi2, story.last))
+
+
 def misfit_share(view: Comparison) -> str:
     """The rms residual, and its share of what was measured."""
     rms, size = view.rms / MICROMETRE, view.measurement.rms / MICROMETRE
@@ -299,7 +304,7 @@ def comparison_text(story: Story, convention: Convention | None = None, *, width
     """Everything that `rotorjax compare` prints. **Arguments:** ``convention`` of angles; ``width``: columns of the
     terminal, if it is one.
     """
-    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story), *critical_speeds_lines(story)]
+    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story), *_critical_speeds(story)]
     parts += _comparison_tables(story, convention)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
@@ -347,7 +352,7 @@ def comparison_page(
     )
     names = tuple(dict.fromkeys(story.additions))
     found = sizes_by_effect(story.fits[-1], names, convention) if story.fits else []
-    lines = critical_speeds_lines(story)
+    lines = _critical_speeds(story)
     headline = Headline("compared", verdict(story), "", found, lines, Picture.every(first or []))
     tables = _comparison_tables(story, convention)
     return Page(
