@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rotorjax.data.files import read_text
-from rotorjax.data.named_files import recordings_named
+from rotorjax.data.named_files import can_be_read, recordings_named
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
@@ -57,8 +57,9 @@ def pairs(source: Path, written: Collection[Path] = ()) -> list[Pair]:
 
     In a folder every CSV file is a table, unless a rig file names it as a recording; its rig file is the one of the
     same stem beside it, or else ``rig.toml`` beside it. A rig file that names recordings and belongs to no table is
-    explained by those, and so is one without a table in a list. **Arguments:** ``written``: files and folders that the
-    command writes, which are not read. **Errors.** `InputError` if there are none, or if the list cannot be read.
+    explained by those, and so is one without a table in a list; one that cannot be read is a case that says why.
+    **Arguments:** ``written``: files and folders that the command writes, which are not read. **Errors.** `InputError`
+    if there are none, or if the list cannot be read.
     """
     return _in_folder(source, written) if source.is_dir() else _in_list(source)
 
@@ -75,7 +76,9 @@ def _in_folder(folder: Path, written: Collection[Path]) -> list[Pair]:
             and not own & {path.resolve(), *path.resolve().parents}
         ]
 
-    recorded = {rig: recordings for rig in files(".toml") if (recordings := recordings_of(rig))}
+    # What cannot be read may name recordings: as a row of its own it says why.
+    every = {rig: recordings_of(rig) for rig in files(".toml")}
+    recorded = {rig: recordings for rig, recordings in every.items() if recordings or not can_be_read(rig)}
     records = {path.resolve() for recordings in recorded.values() for path in recordings}
     found, used = [], set[Path]()
     for data in files(".csv"):

@@ -228,7 +228,7 @@ def test_progress_in_one_line():
 def touch(folder: Path, *names: str) -> None:
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(name)
+        (folder / name).write_text(f"# {name}")
 
 
 def test_tables_of_a_folder_find_their_rig_file(tmp_path: Path):
@@ -240,7 +240,7 @@ def test_tables_of_a_folder_find_their_rig_file(tmp_path: Path):
     rigs = {pair.name: pair.rig and pair.rig.relative_to(tmp_path).as_posix() for pair in found}
     assert rigs == {"a.csv": "a.toml", "b.CSV": "rig.toml", "deep/er/c.csv": None}
     before = {pair.name: pair.digest for pair in found}
-    (tmp_path / "rig.toml").write_text("changed")
+    (tmp_path / "rig.toml").write_text("# changed")
     assert [name for name, digest in before.items() if digest != {p.name: p.digest for p in found}[name]] == ["b.CSV"]
     with pytest.raises(InputError, match="no table in it"):
         pairs(tmp_path / "deep", [tmp_path / "deep" / "er"])
@@ -306,12 +306,13 @@ def test_a_list_may_name_a_rig_file_with_recordings_alone(tmp_path: Path):
 
 
 @pytest.mark.parametrize("text", ["a = 1" + "0" * 5000, "a = " + "[" * 3000, "a" + ".a" * 3000 + " = 1"])
-def test_a_rig_file_that_cannot_be_read_names_no_recordings(tmp_path: Path, text: str):
+def test_a_rig_file_that_cannot_be_read_is_a_case_of_its_own(tmp_path: Path, text: str):
     (tmp_path / "a.toml").write_text(text)
     (tmp_path / "b.toml").write_text('[recordings."a\\u0000b"]\n')
     found = pairs(tmp_path)
-    assert [pair.name for pair in found] == ["b.toml"]
-    assert found[0].digest
+    assert [pair.name for pair in found] == ["a.toml", "b.toml"]
+    assert all(pair.digest for pair in found)
+    assert str(tmp_path / "a.toml") in explain_case(Task(None, found[0].rig))["failure"]
 
 
 def test_recordings_are_explained_as_one_case_of_many(tmp_path: Path):
