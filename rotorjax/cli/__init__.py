@@ -1,6 +1,7 @@
 """The command line. The only place that prints or sets JAX's global options."""
 
 import argparse
+import contextlib
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -8,13 +9,15 @@ from typing import NoReturn
 
 from rotorjax.cli import commands, recordings
 from rotorjax.cli.many import explain_many
-from rotorjax.cli.progress import INTERRUPTED
+from rotorjax.cli.progress import INTERRUPTED, interruptible
 from rotorjax.cli.serve import serve
 from rotorjax.cli.terminal import accept_any_character, complain, leave_output
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
 BAD_INPUT = 2
+ENDING_THEMSELVES = (explain_many, serve)
+"""Commands that end other processes, or answer whoever waits, before they end at Ctrl-C."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -23,7 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        options.command(options)
+        with contextlib.nullcontext() if options.command in ENDING_THEMSELVES else interruptible():
+            options.command(options)
     except InputError as error:
         for problem in error.shown():
             complain(problem)

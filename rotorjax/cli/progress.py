@@ -54,7 +54,7 @@ def progress_line(kept: str = "", quiet_s: float = QUIET_S) -> Iterator[Callable
 
     threading.Thread(target=tick, daemon=True).start()
     try:
-        with _interruptible(kept):
+        with interruptible(kept):
             yield progress
     finally:
         over.set()
@@ -63,9 +63,9 @@ def progress_line(kept: str = "", quiet_s: float = QUIET_S) -> Iterator[Callable
 
 
 @contextlib.contextmanager
-def _interruptible(kept: str) -> Iterator[None]:
-    """Ends the process at Ctrl-C without waiting for compiled code to come back. Nothing is written meanwhile but rows
-    of a database, whole or not at all, so that nothing is lost.
+def interruptible(kept: str = "") -> Iterator[None]:
+    """Ends the process at Ctrl-C without waiting for compiled code to come back. Files, and rows of a database, are
+    written whole or not at all, so that nothing is lost. **Arguments:** ``kept`` as for `progress_line`.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

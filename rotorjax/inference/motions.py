@@ -18,7 +18,7 @@ LENGTHS = 4
 """Lengths of a step of Newton's method that are tried, at once where few states are left, as a chunk of rows is
 evaluated all the same.
 """
-STEPS = 20
+STEPS = 40
 """Most of them."""
 
 

@@ -210,11 +210,11 @@ def fall_line(found: Explanation) -> str:
     if not found.named or slight(found):
         return ""
     held, after = found.story.fits[-1].held_out_rms, found.story.last.rms
-    held_text = f" ({number(_before(found) / held)}-fold on readings left out of the fit)" if held else ""
+    held_text = f" ({number(held / MICROMETRE)} µm on readings left out of the fit)" if held else ""
     if after == 0.0:
         return f"With {said(found.named)} the error falls to nothing{held_text}."
     fold = number(error_fall(found))
-    return f"With {said(found.named)} the error falls {fold}-fold{held_text} to {number(after / MICROMETRE)} µm rms."
+    return f"With {said(found.named)} the error falls {fold}-fold to {number(after / MICROMETRE)} µm rms{held_text}."
 
 
 def left_line(found: Explanation) -> str:

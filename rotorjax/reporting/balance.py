@@ -1,5 +1,6 @@
 """What people read of a correction: the mass, where it goes, and what is left."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,6 @@ import numpy as np
 from rotorjax.data.measurement import Measurement
 from rotorjax.data.rig import Rig
 from rotorjax.diagnosis.balancing import Correction, predicted
-from rotorjax.diagnosis.fault import Fault
 from rotorjax.diagnosis.influence_coefficients import InfluenceBalance, measured_influence, weighted_planes
 from rotorjax.diagnosis.separability import ENTANGLED
 from rotorjax.model.model import Model
@@ -37,15 +37,11 @@ def balance_line(correction: Correction, *, alone: bool = False, proviso: str = 
     must hold for it, from a comma on.
     """
     c, where = correction, f"in plane {correction.name}{' alone' if alone else ''}"
-    size, error = value_and_error(c.size, c.unbalance.half_interval, GRAM_MILLIMETRE)
-    amount, hint = f"{size} ± {error} g mm", f" For a mass in grams give radius_mm under [planes.{c.name}]."
-    if c.plane.radius_m is not None:
-        mass, error = value_and_error(*_grams(c))
-        amount, hint = f"{mass} ± {error} g at a radius of {1e3 * c.plane.radius_m:g} mm,", ""
+    hint = "" if c.plane.radius_m is not None else f" For a mass in grams give radius_mm under [planes.{c.name}]."
     angle, turn = angle_and_error(c.correction_angle_deg, c.unbalance.angle_half_interval_deg)
     sense = c.convention.weight_angles.replace("-", " the ")
     holes = f", that is {held}" if (held := _holes(c)) else ""
-    put = f"To balance{proviso}: correction {amount} at {angle}° ± {turn}° from +x {sense} {where}"
+    put = f"To balance{proviso}: correction {_amount(c)} at {angle}° ± {turn}° from +x {sense} {where}"
     if c.beside:
         return f"{put}{holes}.{hint}"
     opposite = angle_and_error(c.angle_deg, c.unbalance.angle_half_interval_deg)[0]
@@ -56,15 +52,20 @@ def balance_line(correction: Correction, *, alone: bool = False, proviso: str = 
     )
 
 
-def _grams(c: Correction) -> tuple[float, float]:
-    """Mass of a correction at the plane's radius, and half of its 95 % interval [g]."""
-    mass, error = c.mass_at_radius(c.size), c.mass_at_radius(c.unbalance.half_interval or 0.0)
-    return (mass or 0.0) / GRAM, (error or 0.0) / GRAM
+def _amount(c: Correction) -> str:
+    """As a mass, if the radius of its plane is stated, with half of its 95 % interval, if that is known."""
+    half, radius = c.unbalance.half_interval, c.plane.radius_m
+    unit = GRAM_MILLIMETRE if radius is None else GRAM * radius
+    size, error = value_and_error(c.size, half, unit)
+    said = "g mm" if radius is None else f"g at a radius of {1e3 * radius:g} mm,"
+    return f"{size} {said}" if half is None else f"{size} ± {error} {said}"
 
 
 def _holes(c: Correction) -> str:
     """Masses in holes, to the decimals that the correction's error bears; those that round to nothing left out."""
-    error = _grams(c)[1]
+    if c.unbalance.covariance is not None and not c.unbalance.differs_from_zero:
+        return ""
+    error = (c.mass_at_radius(c.unbalance.half_interval or 0.0) or 0.0) / GRAM
     decimals = decimals_of(error) if error > 0.0 else 3
     parts = [(f"{part.mass_kg / GRAM:.{decimals}f}", part) for part in c.in_holes]
     return " and ".join(
@@ -88,7 +89,7 @@ def influence_lines(measurement: Measurement, rig: Rig) -> list[str]:
     )
     if not alike:
         return [_influence_line(together, names, rig)]
-    said = [_influence_line(one, [f"{name} alone"], rig) for name, one in zip(names, alone, strict=True) if one]
+    said = [_influence_line(one, [name], rig, alone=True) for name, one in zip(names, alone, strict=True) if one]
     planes = " and ".join(names)
     return [*said, f"The influence vectors of {planes} are nearly proportional: one correction each, either will do."]
 
@@ -113,21 +114,29 @@ def differ_lines(balance: Balance, measurement: Measurement, rig: Rig) -> list[s
     return []
 
 
-def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig) -> str:
-    """One answer of influence coefficients in a sentence. **Arguments:** ``names`` of the planes."""
+def _influence_line(found: InfluenceBalance, names: list[str], rig: Rig, *, alone: bool = False) -> str:
+    """One answer of influence coefficients in a sentence. **Arguments:** ``names`` of the planes; ``alone``: whether
+    other planes could do it, too.
+    """
+    said_of = {name: f"plane {name}{' alone' if alone else ''}" for name in names}
     without = "By influence coefficients, without the rotor model: "
     if len(names) == 1 and found.unbalance[0].covariance is not None and not found.unbalance[0].differs_from_zero:
         bound = number(found.unbalance[0].below / GRAM_MILLIMETRE, 2)
-        return f"{without}no correction in plane {names[0]}, the unbalance is below {bound} g mm (95 %)."
-    parts = [f"{_opposite(fault, rig)} in plane {name}" for name, fault in zip(names, found.unbalance, strict=True)]
+        return f"{without}no correction in {said_of[names[0]]}, the unbalance is below {bound} g mm (95 %)."
+    every = [
+        Correction(name, rig.planes[name], fault, math.nan, math.nan, rig.convention)
+        for name, fault in zip(names, found.unbalance, strict=True)
+    ]
+    parts = [f"{_opposite(one)} in {said_of[one.name]}" for one in every]
     before, after = _rms_um(found)
     if after > HARDLY_LESS * before:
-        return (
-            f"{without}no correction in {' and '.join(f'plane {name}' for name in names)} reduces the vibration at 1X."
-        )
+        return f"{without}no correction in {' and '.join(said_of.values())} reduces the vibration at 1X."
+    holes = [f" In plane {one.name} that is {held}." for one in every if (held := _holes(one))]
+    told = "" if all(one.unbalance.covariance is not None for one in every) else " The error of that is not known."
     said = (
-        f"{without}correction {' and '.join(parts)}. It leaves {number(after, 2)} of {number(before)} µm at 1X (0-pk, "
-        "rms over probes and speeds). That minimises the reading: the response to a bow and runout are compensated too."
+        f"{without}correction {' and '.join(parts)}.{''.join(holes)}{told} It leaves {number(after, 2)} of "
+        f"{number(before)} µm at 1X (0-pk, rms over probes and speeds). That minimises the reading: the response to a "
+        "bow and runout are compensated too."
     )
     if found.linear is False:
         said += (
@@ -143,14 +152,12 @@ def _rms_um(found: InfluenceBalance) -> tuple[float, float]:
     return before, after
 
 
-def _opposite(unbalance: Fault, rig: Rig) -> str:
+def _opposite(c: Correction) -> str:
     """The weight against an unbalance."""
-    if unbalance.covariance is not None and not unbalance.differs_from_zero:
-        return f"not different from zero, below {number(unbalance.below / GRAM_MILLIMETRE, 2)} g mm,"
-    size, error = value_and_error(unbalance.magnitude, unbalance.half_interval, GRAM_MILLIMETRE)
-    at = rig.convention.angle_deg(unbalance.pair) + 180.0
-    angle, turn = angle_and_error(at, unbalance.angle_half_interval_deg)
-    return f"{size} g mm at {angle}°" if error == "-" else f"{size} ± {error} g mm at {angle}° ± {turn}°"
+    if c.unbalance.covariance is not None and not c.unbalance.differs_from_zero:
+        return f"not different from zero, below {number(c.unbalance.below / GRAM_MILLIMETRE, 2)} g mm,"
+    angle, turn = angle_and_error(c.correction_angle_deg, c.unbalance.angle_half_interval_deg)
+    return f"{_amount(c)} at {angle}°{'' if turn == '-' else f' ± {turn}°'}"
 
 
 def influence_json(measurement: Measurement, rig: Rig) -> dict[str, Any] | None:
@@ -161,10 +168,12 @@ def influence_json(measurement: Measurement, rig: Rig) -> dict[str, Any] | None:
     names, planes = list(rig.planes), {}
     for plane, fault in zip(weighted_planes(measurement), found.unbalance, strict=True):
         angle, half = rig.convention.angle_deg(fault.pair) % 360.0, fault.half_interval
+        radius = rig.planes[names[plane]].radius_m
         planes[names[plane]] = {
             "unbalance_g_mm": fault.magnitude / GRAM_MILLIMETRE,
             "angle_deg": angle,
             "correction_angle_deg": (angle + 180.0) % 360.0,
+            "correction_g": None if radius is None else fault.magnitude / radius / GRAM,
             "half_interval_g_mm": None if half is None else half / GRAM_MILLIMETRE,
             "angle_half_interval_deg": fault.angle_half_interval_deg,
             "differs_from_zero": None if half is None else fault.differs_from_zero,

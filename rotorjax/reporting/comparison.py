@@ -73,7 +73,7 @@ def verdict(story: Story) -> str:
         return f"{first} Adding {names} does not help: {number(after / MICROMETRE)} µm rms remain."
     held = story.fits[-1].held_out_rms
     fall = f"{number(before / after)}-fold to {number(after / MICROMETRE)} µm rms" if after > 0.0 else "to nothing"
-    held_text = f"; {number(before / held)}-fold on readings left out of the fit" if held else ""
+    held_text = f" ({number(held / MICROMETRE)} µm on readings left out of the fit)" if held else ""
     return f"{first} With {names} the error falls {fall}{held_text}. {_remains(story)}"
 
 
@@ -287,9 +287,12 @@ def _rival_lines(name: str, found: list[Rival], story: Story) -> list[str]:
     lines = []
     for rival in found:
         if rival.instead is not None and rival.tied:
+            there = f"({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}"
+            own, other = opening(plain_name(name)), plain_name(rival.instead)
             lines.append(
-                f"{opening(plain_name(name))} ties with {plain_name(rival.instead)}: with that the fit is as good "
-                f"({number(rival.rms / MICROMETRE)} µm rms){_why(rival, story)}."
+                f"{own} ties with {other}: with that the fit is as good {there}."
+                if rival.loss > -TIE
+                else f"{own} fits less well than {other} would: with that the fit is better {there}."
             )
     return lines
 
