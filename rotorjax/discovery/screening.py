@@ -242,16 +242,16 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
     opposite side no linear effect tells one change from another.
     """
     wide = wide_noise(stated.measurement)
-    level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best.cost
+    level = race(stated, wide, [own.effects], {own.effects: own})[own.effects].best
     there = [(change, as_large_as_read(own, stated, change.contest)) for change in changes]
     alone = list[_Alone]()
     if own.effects & stated.coupled:
-        alone = [_Alone(change, _costly_alone(change, moved, wide, level + TIE)) for change, moved in there]
-    elif 2.0 * level < LARGEST_HEALTHY_CHI2 * np.count_nonzero(stated.measurement.weights(0.0)):
+        alone = [_Alone(change, _costly_alone(change, moved, wide, level.cost + TIE)) for change, moved in there]
+    elif 2.0 * level.cost < LARGEST_HEALTHY_CHI2 * np.count_nonzero(stated.measurement.weights(0.0)):
         return []
-    if not any(one.cost < level for one in alone):
-        alone = _one_force_each(changes, own, wide, level + TIE)
-    most = min([level, *(one.cost + HOPELESS for one in alone)])
+    if not any(one.leaves_less_than(level) for one in alone):
+        alone = _one_force_each(changes, own, wide, level.cost + TIE)
+    most = min((one.cost + HOPELESS for one in alone), default=math.inf)
     return [
         screen(
             one.change._replace(known={one.fitted.effects: one.fitted}),
@@ -261,7 +261,7 @@ def beside_forces_of(own: Contender, stated: Contest, changes: Collection[Change
             settings=BESIDE_FORCES,
         )
         for one in sorted(alone, key=lambda one: one.cost)
-        if one.cost < most
+        if one.cost < most and one.leaves_less_than(level)
     ]
 
 
@@ -275,6 +275,12 @@ class _Alone(NamedTuple):
     def cost(self) -> float:
         """Of the fit and of the prior odds of the change; without end where motions do not balance."""
         return self.fitted.best.cost - self.change.log_odds if self.fitted.balanced else math.inf
+
+    def leaves_less_than(self, other: End) -> bool:
+        """Whether it leaves less of the data than another fit, be it less probable beforehand: under a wide noise that
+        counts as much as what they leave.
+        """
+        return self.fitted.balanced and self.fitted.best.data_cost < other.data_cost
 
 
 def _one_force_each(changes: Collection[Change], own: Contender, noise: Noise, hopeless: float) -> list[_Alone]:

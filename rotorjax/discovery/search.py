@@ -14,7 +14,7 @@ from rotorjax.discovery.contest import Contender, Contest, Effects, Known, with_
 from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.race import WORTH_TRYING
 from rotorjax.discovery.ranking import PRICE, Ranked, is_detected, may_be_missing, ranking, showing
-from rotorjax.discovery.sets_that_hold import beside_all_linear, holding_set
+from rotorjax.discovery.sets_that_hold import beside_linear, holding_set
 from rotorjax.inference.descent import End
 from rotorjax.inference.descent_settings import LEFT_BEHIND
 from rotorjax.inference.noise import NO_NOISE, Noise
@@ -112,9 +112,7 @@ def with_set(
     if most < least or begun.holds or not begun.contest.tries_table_noise:
         return begun
     quiet = dataclasses.replace(begun.contest, floor=NO_NOISE)
-    quiet_race = holding_set(
-        quiet, beside_all_linear(quiet) if fits is None else fits, begun.known, range(least, most + 1)
-    )
+    quiet_race = holding_set(quiet, beside_linear(quiet) if fits is None else fits, begun.known, range(least, most + 1))
     if quiet_race.leader is None:
         return begun
     best = quiet_race.contenders[quiet_race.leader]

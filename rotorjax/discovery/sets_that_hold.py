@@ -1,9 +1,10 @@
-"""Small sets of effects that hold within the noise of the table, read from a fit of all linear effects at once.
+"""Small sets of effects that hold within the noise of the table, read from a fit of many linear effects at once.
 
-A nonlinear force with an unknown unbalance beside it, say, as in most measurements: neither holds by
-itself, and under a misfit wide enough for one of them many others do as well. So each force is fitted with all linear
-effects at once, under the noise of the table: no set of those can do better beside it. Where that holds, the curvature
-of the cost says to second order what every set of them would leave, and the best of each size are fitted.
+A nonlinear force with an unknown unbalance beside it, say, as in most measurements: neither holds by itself, and under
+a misfit wide enough for one of them many others do as well. So each force is fitted with all linear effects at once,
+under the noise of the table: no set of those can do better beside it; and with those that excite the rotor, which lead
+a strong force less astray. Where that holds, the curvature of the cost says to second order what every set of them
+would leave, and the best of each size are fitted.
 """
 
 import itertools
@@ -21,6 +22,7 @@ from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.descent_settings import LEFT_BEHIND, QUICK
 from rotorjax.inference.noise import NO_NOISE
+from rotorjax.model.contract import ExcitationEffect
 
 BEGUN = QUICK._replace(most_steps=8, rescan=False)
 """How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
@@ -51,11 +53,11 @@ def holding_set(contest: Contest, fits: Mapping[Effects, End], known: Known, siz
 
 
 class _Saturated(NamedTuple):
-    """A fit of all linear effects, beside others."""
+    """A fit of linear effects, beside others."""
 
     end: End
     places: dict[str, Int[np.ndarray, "_"]]
-    """Of every linear effect its unknowns among the free ones."""
+    """Of every linear effect in it its unknowns among the free ones."""
     covariance: Float[np.ndarray, "free free"]
 
     @classmethod
@@ -63,7 +65,7 @@ class _Saturated(NamedTuple):
         """By the curvature of the cost there."""
         linear = [name for name in contest.candidates if name not in contest.costly]
         places = {name: np.flatnonzero(contest.only_of([name])[end.free]) for name in linear}
-        return cls(end, places, inverse(end.curvature))
+        return cls(end, {name: own for name, own in places.items() if len(own)}, inverse(end.curvature))
 
     def without_others(self, kept: Collection[str]) -> End:
         """The minimum with only some of the linear effects, to second order: u - C_R (C_RR)⁻¹ u_R, R those that are
@@ -77,23 +79,27 @@ class _Saturated(NamedTuple):
         return self.end._replace(point=point, cost=self.end.cost + 0.5 * float(values[gone] @ pull), exact=False)
 
 
-def beside_all_linear(contest: Contest) -> dict[Effects, End]:
-    """Every nonlinear force that may hold with all linear effects under the noise of the table, its best
-    fit begun.
+def beside_linear(contest: Contest) -> dict[Effects, End]:
+    """Every nonlinear force that may hold with linear effects under the noise of the table, its best fit begun: with
+    all of them at once or, as so many may lead a strong force astray, with those that excite the rotor.
     """
-    given, starts, owner = contest.space.given_unknowns(), [], []
-    for name in (name for name in contest.candidates if name in contest.coupled):
+    given, starts, owner, free = contest.space.given_unknowns(), [], [], []
+    there = frozenset(e.name for e in contest.space.model.effects if isinstance(e, ExcitationEffect))
+    exciting = there.intersection(contest.candidates) - contest.costly
+    beside = [contest.linear, contest.free(exciting)] if exciting else [contest.linear]
+    for name, linear in itertools.product((n for n in contest.candidates if n in contest.coupled), beside):
         own = contest.only_of([name])
         for start in declared_starts(contest.space, own, contest.measurement):
             starts.append(np.where(own & (start != 0.0), start, given))
             owner.append(frozenset({name}))
+            free.append(linear | own)
     if not starts:
         return {}
     ends = descend(
         contest.space,
         contest.data(NO_NOISE, given),
         starts_at(np.stack(starts)),
-        np.stack([contest.linear | contest.only_of(force) for force in owner]),
+        np.stack(free),
         np.broadcast_to(contest.training, (len(starts), len(contest.training))),
         budget=contest.budget,
         settings=BEGUN,
