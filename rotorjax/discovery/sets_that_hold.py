@@ -13,19 +13,21 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from rotorjax.discovery.common_noise import QuietRace, sets_under_table_noise
 from rotorjax.discovery.contest import Contender, Contest, Effects, Known
 from rotorjax.inference.curvature import inverse
 from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, descend, starts_at
-from rotorjax.inference.descent_settings import LEFT_BEHIND, QUICK
+from rotorjax.inference.descent_settings import LEFT_BEHIND, QUICK, DescentSettings
 from rotorjax.inference.noise import NO_NOISE
 from rotorjax.model.contract import ExcitationEffect
 
 BEGUN = QUICK._replace(most_steps=8, rescan=False)
 """How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
+BEGUN_BESIDE_FEW = BEGUN._replace(most_steps=16)
+"""The same with those alone that excite the rotor: friction that nearly holds it comes to balance late."""
 MOST_TRIED = 8
 """Best sets of one size that are fitted."""
 
@@ -83,26 +85,33 @@ def beside_linear(contest: Contest) -> dict[Effects, End]:
     """Every nonlinear force that may hold with linear effects under the noise of the table, its best fit begun: with
     all of them at once or, as so many may lead a strong force astray, with those that excite the rotor.
     """
-    given, starts, owner, free = contest.space.given_unknowns(), [], [], []
     there = frozenset(e.name for e in contest.space.model.effects if isinstance(e, ExcitationEffect))
     exciting = there.intersection(contest.candidates) - contest.costly
-    beside = [contest.linear, contest.free(exciting)] if exciting else [contest.linear]
-    for name, linear in itertools.product((n for n in contest.candidates if n in contest.coupled), beside):
+    found = _begun_beside(contest, contest.free(exciting), BEGUN_BESIDE_FEW) if exciting else {}
+    for force, end in _begun_beside(contest, contest.linear, BEGUN).items():
+        if force not in found or end.cost < found[force].cost:
+            found[force] = end
+    return found
+
+
+def _begun_beside(contest: Contest, linear: Bool[np.ndarray, "param"], settings: DescentSettings) -> dict[Effects, End]:
+    """The same with these linear effects."""
+    given, starts, owner = contest.space.given_unknowns(), [], []
+    for name in (name for name in contest.candidates if name in contest.coupled):
         own = contest.only_of([name])
         for start in declared_starts(contest.space, own, contest.measurement):
             starts.append(np.where(own & (start != 0.0), start, given))
             owner.append(frozenset({name}))
-            free.append(linear | own)
     if not starts:
         return {}
     ends = descend(
         contest.space,
         contest.data(NO_NOISE, given),
         starts_at(np.stack(starts)),
-        np.stack(free),
+        np.stack([linear | contest.only_of(force) for force in owner]),
         np.broadcast_to(contest.training, (len(starts), len(contest.training))),
         budget=contest.budget,
-        settings=BEGUN,
+        settings=settings,
         hopeless=contest.far_off,
     )
     found: dict[Effects, End] = {}
