@@ -44,7 +44,7 @@ def with_ratios(mistake: Mistake, m: Measurement, shown: Complex[np.ndarray, "ca
     """The same with what the readings should be beside everything else, left out of the measurement. **Arguments:**
     ``shown`` by the model fitted.
     """
-    cells = _cells(mistake)
+    cells = cells_of(mistake)
     sign = m.half_order_sign(np.where(np.isfinite(shown), shown, 0.0))
     said = [_compared(m, cell, complex((m.vectors * sign)[cell]), complex(shown[cell])) for cell in cells]
     return _left_out(m, cells, f"{_readings(m, cells)} {'; '.join(said)}", _cure(m, cells))
@@ -67,7 +67,8 @@ def _left_out(m: Measurement, cells: tuple[Cell, ...], meaning: str, cure: str) 
     return Mistake(WRONG, _about(m, cells), meaning, cure, partial(_without, cells=cells))
 
 
-def _cells(mistake: Mistake) -> tuple[Cell, ...]:
+def cells_of(mistake: Mistake) -> tuple[Cell, ...]:
+    """Readings that are called wrong."""
     assert isinstance(mistake.corrected, partial)
     return mistake.corrected.keywords["cells"]
 

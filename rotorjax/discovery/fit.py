@@ -16,7 +16,7 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.data.names import one_of, several
 from rotorjax.data.odd_runs import ABOUT_WEIGHTS, as_other_weights
 from rotorjax.data.pairing import paired
-from rotorjax.data.wrong_readings import WRONG
+from rotorjax.data.wrong_readings import WRONG, Cell, cells_of
 from rotorjax.discovery.cancelling import cancelling
 from rotorjax.discovery.inferred_noise import Ahead, Round, Stage, fitted_rounds, likeliest
 from rotorjax.discovery.own_effects import check_own_effects
@@ -46,7 +46,7 @@ from rotorjax.inference.noise import (
 )
 from rotorjax.inference.space import make_space
 from rotorjax.inference.stable import unstable_speeds
-from rotorjax.model.contract import AbstractRotor, Effect, ExcitationEffect
+from rotorjax.model.contract import AbstractRotor, Effect, ExcitationEffect, RestoringEffect
 from rotorjax.model.model import Model
 from rotorjax.physics.stability import SELF_EXCITING
 from rotorjax.shown import Shown
@@ -71,6 +71,11 @@ SEVERAL_WRONG = (
     "they show"
 )
 """What is said where more than one reading is called wrong."""
+LARGEST_WRONG = (
+    "the reading called wrong is of the largest vibration there, where a nonlinear force of another form would show "
+    "first: measure it again"
+)
+"""What is said of such a reading beside a nonlinear force."""
 ALIKE = 0.3
 """Relative difference along x and y up to which an error may be the same along both."""
 AS_MASS = (
@@ -160,8 +165,8 @@ class Fit(Shown):
             spoken = (*spoken, AS_STIFFNESS)
         if any(isinstance(e, SpeedDependentStiffness) and _of_one_axis(e) for e in own) and set(orders) == {1.0}:
             spoken = (*spoken, AS_MASS)
-        if mistake is not None and mistake.kind == WRONG and len(mistake.about) > 1:
-            spoken = (*spoken, SEVERAL_WRONG)
+        if mistake is not None and mistake.kind == WRONG:
+            spoken = (*spoken, *self._doubts_of_readings(cells_of(mistake), own))
         exciting = [e.name for e in own if isinstance(e, ExcitationEffect)]
         if words := cancelling(self.end, self.stage.space, self.stage.measurement, exciting):
             spoken = (*spoken, words)
@@ -170,6 +175,13 @@ class Fit(Shown):
             share = 100.0 * left / self.stage.measurement.rms
             spoken = (*spoken, RUNS_DIFFER.format(f"{share:.0f}"))
         return spoken if self.end.exact else (*spoken, NOT_STEADY)
+
+    def _doubts_of_readings(self, cells: tuple[Cell, ...], own: list[Effect]) -> list[str]:
+        """What speaks against readings that are called wrong beside effects."""
+        forces, size = any(isinstance(e, RestoringEffect) for e in own), np.abs(self.predicted)
+        read = np.where(self.stage.measurement.present, size, 0.0)
+        largest = any(size[cell] > read[:, cell[1], cell[2]].max() for cell in cells)
+        return [*([SEVERAL_WRONG] if len(cells) > 1 else []), *([LARGEST_WRONG] if forces and largest else [])]
 
     def _unstable(self, name: str) -> str | None:
         """What an effect says against itself that makes the rotor unstable."""

@@ -119,7 +119,9 @@ def with_set(
     if not all(matters(quiet, best, name, NO_NOISE) for name in quiet_race.leader):
         return begun
     known = {**begun.known, **quiet_race.contenders}
-    behind = frozenset(e for e, c in begun.quiet_race.contenders.items() if c.best.result == LEFT_BEHIND)
+    # From where they all end together, what was left behind by itself may hold.
+    lost = [e for e, c in begun.quiet_race.contenders.items() if c.best.result == LEFT_BEHIND]
+    behind = frozenset(e for e in lost if not e <= quiet_race.leader)
     quiet = dataclasses.replace(quiet, cannot_hold=behind)
     return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=quiet_race.leader)
 

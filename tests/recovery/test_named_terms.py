@@ -112,10 +112,10 @@ def test_what_does_hardly_worse_is_said():
     assert drawn.term == "term_dead_band_y"
     declared = fit(*measured(drawn), free=(), held_out=False)
     found = name_force(declared, declared, ())
-    assert sorted([found.words, *found.rivals]) == [
+    assert {found.words, *found.rivals} == {
         "two-sided stop along y of 0.28 mm",
         "stop on one side along y at -0.28 mm",
-    ]
+    }
     assert found.enough
 
 
@@ -160,7 +160,7 @@ def test_a_rotor_that_is_held_still_gets_no_certain_answer():
     model, measurement = measured(drawn)
     answer = explain(model, measurement)
     assert (answer.verdict, answer.effects) == ("undecided", ("damping_error",))
-    assert "times the critical one: friction, a stop or a stiff support would hold the rotor as well." in sentence(
+    assert "times the critical one: friction, a stop or a stiff support would hold the rotor as well" in sentence(
         answer
     )
     assert answer.named_force is not None
