@@ -226,9 +226,9 @@ def _rows(path: Path, layout: _Layout, rows: list[tuple[int, str]], channels: Se
             for k in channels:
                 cell = cells[k] if k < len(cells) else ""
                 if not _is_number(cell, layout.delimiter):
+                    cure = "leave that line out" if number == layout.first + 1 else "cut the record there"
                     raise InputError(
-                        f"{path}:{number}: channel {layout.names[k]!r}: {cell.strip()!r} is not a number; cut the "
-                        "record there"
+                        f"{path}:{number}: channel {layout.names[k]!r}: {cell.strip()!r} is not a number; {cure}"
                     ) from error
         raise
 

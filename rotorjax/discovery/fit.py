@@ -76,6 +76,7 @@ LARGEST_WRONG = (
     "first: measure it again"
 )
 """What is said of such a reading beside a nonlinear force."""
+UNSETTLED = "its values and the error that it leaves, which is taken for noise, still change one another"
 ALIKE = 0.3
 """Relative difference along x and y up to which an error may be the same along both."""
 AS_MASS = (
@@ -346,7 +347,7 @@ def summarise(
         model=_kept(fitted, stage),
         estimates=estimates_of(space, best, covariance, free),
         predicted=best.shown,
-        result=RESULT_TEXT[best.result] if best.exact else NOT_STEADY,
+        result=_result(now),
         converged=best.result == CONVERGED and now.settled and best.exact,
         reduced_chi2=reduced_chi2(
             measurement, fitted, left, fitted=int(free.sum()), noise=Noise(0.0, scatter or NO_SCATTER)
@@ -362,6 +363,13 @@ def summarise(
         stage=stage,
         end=best,
     )
+
+
+def _result(now: Round) -> str:
+    """How a round ended, in words."""
+    if not now.best.exact:
+        return NOT_STEADY
+    return RESULT_TEXT[now.best.result] if now.settled or now.best.result != CONVERGED else UNSETTLED
 
 
 def _held_out(data: Data, again: list[End], folds: np.ndarray) -> float | None:
