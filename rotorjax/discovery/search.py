@@ -122,8 +122,9 @@ def with_set(
     # From where they all end together, what was left behind by itself may hold.
     lost = [e for e, c in begun.quiet_race.contenders.items() if c.best.result == LEFT_BEHIND]
     behind = frozenset(e for e in lost if not e <= quiet_race.leader)
-    quiet = dataclasses.replace(quiet, cannot_hold=behind)
-    return begun._replace(contest=with_floor(quiet, best), known=known, noise=NO_NOISE, found=quiet_race.leader)
+    contest = with_floor(dataclasses.replace(quiet, cannot_hold=behind), best)
+    needed, noise = _pruned(contest, quiet_race.leader, NOTHING, known, NO_NOISE)
+    return begun._replace(contest=contest, known=known, noise=noise, found=needed)
 
 
 def begin_beside(contest: Contest, effects: Effects, near: End, *, progress: Progress = lambda _: None) -> SearchStart:
