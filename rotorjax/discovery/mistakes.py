@@ -32,6 +32,7 @@ from rotorjax.discovery.progress import Progress
 from rotorjax.discovery.scattered_runs import with_scatter
 from rotorjax.discovery.screening import FAR_LESS, Change, Screened, as_stated, screen
 from rotorjax.discovery.search import NOTHING, SearchStart, begin, select, wide_noise, with_set
+from rotorjax.discovery.sets_that_hold import beside_linear
 from rotorjax.discovery.ties import settled
 from rotorjax.inference.descent import Start
 from rotorjax.inference.noise import Noise
@@ -224,7 +225,9 @@ def _ahead_with_a_pair(weights: list[Screened], most: int) -> list[Screened]:
     ahead = list[tuple[float, Screened]]()
     for one in weights:
         quiet = dataclasses.replace(one.change.contest, linear_may_hold=False)
-        begun = with_set(begin(quiet, known=one.change.known), min(most, 2))
+        begun = begin(quiet, known=one.change.known)
+        if not begun.holds:
+            begun = with_set(begun, min(most, 2), beside_linear(begun.contest, exciting=False))
         if begun.found:
             best = begun.contest.log_posterior(begun.known[begun.found])
             ahead.append((best + one.change.log_odds, one._replace(change=one.change._replace(known=begun.known))))

@@ -2,9 +2,9 @@
 
 A nonlinear force with an unknown unbalance beside it, say, as in most measurements: neither holds by itself, and under
 a misfit wide enough for one of them many others do as well. So each force is fitted with all linear effects at once,
-under the noise of the table: no set of those can do better beside it; and with those of each family, which lead a
-strong force less astray. Where that holds, the curvature of the cost says to second order what every set of them would
-leave, and the best of each size are fitted.
+under the noise of the table: no set of those can do better beside it; and with those alone that excite the rotor, which
+lead a strong force less astray. Where that holds, the curvature of the cost says to second order what every set of them
+would leave, and the best of each size are fitted.
 """
 
 import itertools
@@ -22,11 +22,12 @@ from rotorjax.inference.data import declared_starts
 from rotorjax.inference.descent import End, descend, starts_at
 from rotorjax.inference.descent_settings import LEFT_BEHIND, QUICK, DescentSettings
 from rotorjax.inference.noise import NO_NOISE
+from rotorjax.model.contract import ExcitationEffect
 
 BEGUN = QUICK._replace(most_steps=8, rescan=False)
 """How each force is fitted with all linear effects: it need not come to its end to show whether it may hold."""
 BEGUN_BESIDE_FEW = BEGUN._replace(most_steps=16)
-"""The same with those of one family: friction that nearly holds the rotor comes to balance late."""
+"""The same with those alone that excite the rotor: friction that nearly holds it comes to balance late."""
 MOST_TRIED = 8
 """Best sets of one size that are fitted."""
 
@@ -80,21 +81,15 @@ class _Saturated(NamedTuple):
         return self.end._replace(point=point, cost=self.end.cost + 0.5 * float(values[gone] @ pull), exact=False)
 
 
-def beside_linear(contest: Contest) -> dict[Effects, End]:
+def beside_linear(contest: Contest, *, exciting: bool = True) -> dict[Effects, End]:
     """Every nonlinear force that may hold with linear effects under the noise of the table, its best fit begun: with
-    all of them at once and, as so many may lead a strong force astray, with those of one family, until any holds.
+    all of them at once. **Arguments:** ``exciting``: also with those alone that excite the rotor, as so many may lead a
+    strong force astray.
     """
-    families: dict[str, list[str]] = {}
-    for effect in contest.space.model.effects:
-        if effect.name in contest.candidates and effect.name not in contest.costly:
-            families.setdefault(effect.family, []).append(effect.name)
-    found: dict[Effects, End] = {}
-    for family in sorted(families):
-        begun = _begun_beside(contest, contest.free(frozenset(families[family])), BEGUN_BESIDE_FEW)
-        found = _lower(found, begun)
-        if any(end.cost < contest.most_held for end in begun.values()):
-            break
-    return _lower(found, _begun_beside(contest, contest.linear, BEGUN))
+    linear = frozenset(contest.candidates) - contest.costly
+    few = frozenset(e.name for e in contest.space.model.effects if isinstance(e, ExcitationEffect)) & linear
+    begun = _begun_beside(contest, contest.free(few), BEGUN_BESIDE_FEW) if exciting and few else {}
+    return _lower(begun, _begun_beside(contest, contest.linear, BEGUN))
 
 
 def _lower(one: Mapping[Effects, End], other: Mapping[Effects, End]) -> dict[Effects, End]:
