@@ -6,6 +6,7 @@ with shafts of finite elements, which all have from 4900 on.
 
     python experiments/campaign.py --first 1200 --seeds 200 --output output/campaign
     python experiments/campaign.py --first 1200 --seeds 200 --write output/cases        # files for another tool
+    python experiments/campaign.py --first 5080 --seeds 40 --healthy --output output/healthy    # beside a healthy table
     python experiments/campaign.py --score answers.csv --truth output/cases-answers.jsonl --output output/other
     python experiments/campaign.py --score benchmarks/results/campaign_[23]*/rows.jsonl --output benchmarks/results/all
 """
@@ -28,7 +29,7 @@ from rotorjax.batch.pool import Processes, processors
 from rotorjax.batch.runner import Progress, run
 from rotorjax.batch.store import Store
 
-from detailed.case import FINITE_ELEMENTS, KINDS, NOISES, draw
+from detailed.case import FINITE_ELEMENTS, KINDS, NOISES, Case, draw
 from detailed.files import truth, write, write_case
 from score_page import write_page
 from scoring import judged, read_answers, read_rows
@@ -41,6 +42,16 @@ SEEN = 1200
 
 def explained(seed: int) -> dict[str, Any]:
     """One case: what is true, what was answered, and how long that took."""
+    return _row(draw(seed), None)
+
+
+def explained_since_healthy(seed: int) -> dict[str, Any]:
+    """The same beside a measurement of the healthy rotor, taken as the case was, with noise of its own."""
+    case = draw(seed)
+    return _row(case, case.healthy())
+
+
+def _row(case: Case, healthy: Case | None) -> dict[str, Any]:
     # Here, so that what scores and writes needs no JAX.
     from rotorjax import explain, read_measurement, read_rig  # noqa: PLC0415
     from rotorjax.compilation import spare_memory, use_double_precision  # noqa: PLC0415
@@ -50,17 +61,20 @@ def explained(seed: int) -> dict[str, Any]:
     from further_readings import after_further_readings  # noqa: PLC0415
 
     use_double_precision()
-    case = draw(seed)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as other:
         rig_file, table = write_case(case, Path(folder))
-        rig = read_rig(rig_file)
+        rig, before = read_rig(rig_file), None
+        if healthy is not None:
+            rig_file, healthy_table = write_case(healthy, Path(other))
+            rig = read_rig(rig_file)
+            before = read_measurement(healthy_table, rig)
         measurement = read_measurement(table, rig)
     begin = time.perf_counter()
-    found = explain(rig.model, measurement)
+    found = explain(rig.model, measurement, healthy=before)
     seconds, true = time.perf_counter() - begin, truth(case)
     row = {**true, **answer(found), "took": seconds, "code": code()}
     row |= against_truth(found, true) | {"left_by_answer": left_by_answer(case, found)}
-    row |= {"further_readings": after_further_readings(case, found)}
+    row |= {"further_readings": after_further_readings(case, found) if healthy is None else None}
     spare_memory()
     return row
 
@@ -109,6 +123,10 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=100, help="number of cases (%(default)s)")
     parser.add_argument("--workers", type=int, default=processors(), help="processes at one time (%(default)s)")
     parser.add_argument("--output", type=Path, help="folder for rows, scores and pictures")
+    what = (
+        "beside a measurement of the healthy rotor; cases with a mistake, of one of the two tables only, are left out"
+    )
+    parser.add_argument("--healthy", action="store_true", help=what)
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the cases as rig files and tables, no more")
     what = f"score the answers of another tool, or {ROWS} of records, together"
     parser.add_argument("--score", type=Path, nargs="+", metavar="ANSWERS.csv", help=what)
@@ -134,12 +152,16 @@ def main() -> None:
         names = ", ".join(file.name if len(options.score) == 1 else file.parent.name for file in sorted(options.score))
         print(write_page(rows, options.output, {"answers": names, **about(rows)}))
         return
-    if seeds.start < FINITE_ELEMENTS < seeds.stop:
+    if options.first < FINITE_ELEMENTS < options.first + options.seeds:
         sys.exit(f"seeds from {FINITE_ELEMENTS} on are of other rotors: give those below in a run of their own")
     cases = "detailed rotor" if options.first < FINITE_ELEMENTS else "finite-element rotor"
     configuration = {"cases": cases, "kinds": list(KINDS), "noises": list(NOISES), "sources": sources()}
+    if options.healthy:
+        configuration |= {"healthy": True}
+        seeds = [seed for seed in seeds if not KINDS[seed % len(KINDS)].startswith("mistake")]
+    function = explained_since_healthy if options.healthy else explained
     with Store(options.output / "rows.sqlite", configuration) as store:
-        run(explained, [Job(str(seed), seed) for seed in seeds], store, Processes(options.workers), told)
+        run(function, [Job(str(seed), seed) for seed in seeds], store, Processes(options.workers), told)
         kept = store.rows()
     failed = [f"{row['name']}: {row['failure']}" for row in kept if row["failure"]]
     rows = sorted((row for row in kept if not row["failure"]), key=lambda row: row["seed"])

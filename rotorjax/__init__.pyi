@@ -16,6 +16,8 @@ from .discovery.explanation import Explanation as Explanation
 from .discovery.fit import Fit as Fit
 from .discovery.fit import fit as fit
 from .discovery.fit import fit_steps as fit_steps
+from .discovery.healthy import Healthy as Healthy
+from .discovery.healthy import calibrated as calibrated
 from .discovery.rivals import Rival as Rival
 from .discovery.rivals import rivals as rivals
 from .discovery.story import Story as Story

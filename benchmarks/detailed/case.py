@@ -118,6 +118,17 @@ class Case:
             vectors=np.concatenate([self.vectors, z]), present=np.concatenate([self.present, present]),
         )  # fmt: skip
 
+    def healthy(self) -> "Case":
+        """The same readings of the healthy rotor, in runs of their own beside those of the case."""
+        names = tuple(f"healthy-{run}" for run in self.plan.runs)
+        weights = dict(zip(names, (self.bench.weights[run] for run in self.plan.runs), strict=True))
+        rng = np.random.default_rng([4711, self.seed, 2])
+        z = _noisy(self.bench.vectors(Plant(self.bench.rotor)), self.sigma, self.plan.orders, rng)
+        stated = dataclasses.replace(self.stated, installed={**self.stated.installed, **weights})
+        return dataclasses.replace(
+            self, plan=dataclasses.replace(self.plan, runs=names), stated=stated, vectors=z, effects=(), outside=None
+        )
+
     def table(self) -> str:
         """The measurement as CSV."""
         known = self.poorer != "noise unknown"

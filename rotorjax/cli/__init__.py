@@ -89,12 +89,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _compare(sub: argparse.ArgumentParser) -> None:
     _inputs(sub)
+    _healthy(sub)
     _effect_option(sub, "add this effect and fit what is not given")
     _outputs(sub, "write the fitted model as a rig file")
 
 
 def _explain(sub: argparse.ArgumentParser) -> None:
     _inputs(sub)
+    _healthy(sub)
     _race(sub)
     _outputs(sub, "write the explained model as a rig file")
 
@@ -176,6 +178,11 @@ def _inputs(sub: argparse.ArgumentParser) -> None:
     _rig(sub, required=False)
     what = "instead of table and rig file: a rig file whose [recordings] name the waveforms (not a waveform file)"
     sub.add_argument("--recordings", type=Path, metavar="RIG.toml", help=what)
+
+
+def _healthy(sub: argparse.ArgumentParser) -> None:
+    what = "table of the healthy rotor, with its runs in the rig file: the model is calibrated on it first"
+    sub.add_argument("--healthy", type=Path, metavar="HEALTHY.csv", help=what)
 
 
 def _rig(sub: argparse.ArgumentParser, *, required: bool = True) -> None:

@@ -132,7 +132,7 @@ def check_outputs(options: argparse.Namespace) -> None:
     read = {
         resolved(path): f"{path} is read"
         for path in (
-            *(getattr(options, n, None) for n in ("data", "rig", "like", "source", "recordings")),
+            *(getattr(options, n, None) for n in ("data", "rig", "like", "source", "recordings", "healthy")),
             *getattr(options, "files", ()),
         )
         if isinstance(path, Path)

@@ -43,7 +43,8 @@ def compare(options: argparse.Namespace) -> None:
         raise InputError(
             f"--effect {already[0]}: the rig file declares it uncertain, so that it is fitted in any case; leave it out"
         )
-    story = tell(rig.model, measurement, additions, fixed=fixed, mistake=mistake)
+    healthy = _of_healthy(options, rig)
+    story = tell(rig.model, measurement, additions, fixed=fixed, mistake=mistake, healthy=healthy)
     _hand_over(
         options,
         rig,
@@ -113,6 +114,7 @@ def explain(options: argparse.Namespace) -> None:
             exclude=exclude or (),
             mistakes=options.mistakes,
             progress=progress,
+            healthy=_of_healthy(options, rig),
         )
     _hand_over(
         options,
@@ -229,6 +231,17 @@ def _measured(
         measurement, records = read_measurement(options.data, rig), None
     note(measurement.notes)
     return rig, measurement, records
+
+
+def _of_healthy(options: argparse.Namespace, rig: "Rig") -> "Measurement | None":
+    """The measurement of the healthy rotor, if there is one."""
+    if options.healthy is None:
+        return None
+    from rotorjax.data.rig import read_measurement
+
+    healthy = read_measurement(options.healthy, rig)
+    note(healthy.notes)
+    return healthy
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

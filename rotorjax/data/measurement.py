@@ -140,6 +140,8 @@ class Measurement(Shown):
     """Index of the run in which something may be other than stated: see `rotorjax.effects.of_one_run`."""
     doubted: Float[np.ndarray, "case probe order"] | None = None
     """Standard error of single readings that may be wrong, beside that of the table [m]; zero of all others."""
+    shared_errors: Float[np.ndarray, "case probe order 2 common"] | None = None
+    """What one unit of every error that all vectors share does to them [m]: of a calibration on the healthy rotor."""
 
     @classmethod
     def from_arrays(  # noqa: PLR0913

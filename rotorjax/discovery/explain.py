@@ -17,8 +17,10 @@ from rotorjax.discovery.answers import Answer, MistakeRace
 from rotorjax.discovery.bootstrap import UNEXPLAINED, PValue, p_value
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.contest import Contest, make_contest
+from rotorjax.discovery.driven_orders import undriven_orders, without_orders
 from rotorjax.discovery.explanation import Cost, Explanation, Small, Verdict
 from rotorjax.discovery.fit import Fit
+from rotorjax.discovery.healthy import calibrated
 from rotorjax.discovery.held_out import HeldOut, held_out
 from rotorjax.discovery.mistakes import race_of_mistakes
 from rotorjax.discovery.named_force import NamedForce, name_force, other_force, other_power
@@ -28,12 +30,12 @@ from rotorjax.discovery.polished import fit_of, fits_of_steps
 from rotorjax.discovery.progress import Progress, ProgressReporter
 from rotorjax.discovery.screening import as_stated
 from rotorjax.discovery.search import Selection, begin, begin_beside, change_by, noise_size, select, with_set
-from rotorjax.discovery.story import Story, undriven_orders, without_orders
+from rotorjax.discovery.stages import Stages
+from rotorjax.discovery.story import Story
 from rotorjax.discovery.ties import Ties, noise_left, settled
 from rotorjax.effects import CATALOG
 from rotorjax.effects.of_one_run import RUN_EFFECTS
 from rotorjax.inference.ahead import make_programs_ahead
-from rotorjax.inference.budget import Budget
 from rotorjax.inference.noise import Noise, is_large
 from rotorjax.inference.prediction import predict
 from rotorjax.model.contract import AbstractRotor, Effect
@@ -68,6 +70,7 @@ def explain(  # noqa: PLR0913
     thorough: bool = True,
     limit: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    healthy: Measurement | None = None,
 ) -> Explanation:
     """Find which effects a model lacks.
 
@@ -83,29 +86,56 @@ def explain(  # noqa: PLR0913
     elsewhere; ``limit``: single cases that may be linearised, by default 750,000, or 10,000 times as many as there are
     cases if that is more; the last 70,000 of them (a tenth at most) for the missing force, and up to 40,000 of these
     for the fits that are shown; where it is reached the verdict is "undecided" or "unexplained", with what was not
-    tried; ``progress``: called with a line of text at every stage, and while it goes on.
+    tried; ``progress``: called with a line of text at every stage, and while it goes on; ``healthy``: a measurement of
+    the healthy rotor, on which the model is calibrated first: what is found has changed since.
     **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
     for a measurement with other probes or planes.
     """
     require_float64("explain")
+    known = None
+    if healthy is not None:
+        progress("the model on the healthy rotor")
+        known = calibrated(model, healthy)
+        model, measurement = known.model, known.beside(measurement)
     full = paired(model, measurement)
     check_catalog(catalog, full.with_orders(measurement.orders))
     candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
-    if measurement.rms == 0.0:
-        candidates, kinds = [], []  # a gain of zero would explain it all
+    allowed = limit or max(LINEARISATIONS, OF_ONE_CASE * len(measurement.run))
+    told = ProgressReporter(progress, allowed)
+    told.budget.reserve(FOR_THE_FORCE if thorough else 0)
+    asked = _Asked(candidates, kinds, max_effects, catalog, mistakes is True, thorough)
+    found = _explained(full, measurement, asked, told)
+    return found if known is None else found.since(known)
+
+
+class _Asked(NamedTuple):
+    """What is to be found out, and how."""
+
+    candidates: list[str]
+    kinds: list[str]
+    max_effects: int
+    catalog: Mapping[str, type[Effect]]
+    always: bool
+    """Whether mistakes are raced whatever is found."""
+    thorough: bool
+
+
+def _explained(full: Model, measurement: Measurement, asked: _Asked, reporter: ProgressReporter) -> Explanation:
+    """The race, and all that is told of its answer."""
+    # A gain of zero would explain what shows nothing.
+    nothing, catalog, progress = measurement.rms == 0.0, asked.catalog, reporter.stage
+    candidates, kinds = ([], []) if nothing else (asked.candidates, asked.kinds)
     undriven = undriven_orders(full.plus([catalog[name]() for name in candidates]), measurement)
     kept = aligned_half_orders(without_orders(measurement, undriven))
-    reporter = ProgressReporter(progress, limit or max(LINEARISATIONS, OF_ONE_CASE * len(measurement.run)))
-    reporter.budget.reserve(FOR_THE_FORCE if thorough else 0)
-    contest, progress = make_contest(full, kept, candidates, catalog, reporter.budget), reporter.stage
+    contest = make_contest(full, kept, candidates, catalog, reporter.budget)
     if contest.coupled & {*candidates, *(e.name for e in full.effects)}:
         make_programs_ahead(contest.space, kept)
     stated = _as_stated(contest, full)
-    written = race_of_mistakes(contest, kinds, max_effects, catalog, progress, always=mistakes is True)
+    written = race_of_mistakes(contest, kinds, asked.max_effects, catalog, progress, always=asked.always)
     written = written._replace(ranked=tuple(answer.with_values() for answer in written.ranked))
     with reporter.budget.ahead(FOR_THE_STEPS):
         right, selection = _as_done(full, written.best, candidates, catalog, progress)
-    return _answer(right, stated, written, selection, undriven, catalog, thorough, progress)
+    return _answer(right, stated, written, selection, undriven, catalog, asked.thorough, progress)
 
 
 def _candidates(
@@ -175,7 +205,7 @@ def _answer(
 ) -> Explanation:
     budget = selection.contest.budget
     left_out = ["mistakes in rig file and table"] if written.left_out else []
-    stages = _Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
+    stages = Stages(budget, thorough, progress, [*left_out, "a further effect"] if budget.exhausted else [])
     selection, ties, noise = _with_ties(selection, written.best.ties, catalog, stages)
     contest, held = selection.contest, _held_out(selection, ties, stages)
     # What is shown has settled, even where the search was cut off.
@@ -213,7 +243,7 @@ def _answer(
     )
 
 
-def _held_out(selection: Selection, ties: Ties, stages: "_Stages") -> HeldOut:
+def _held_out(selection: Selection, ties: Ties, stages: Stages) -> HeldOut:
     """Errors on data left out of the fits, as far as the budget reaches."""
     if not stages.go("error on data held out"):
         why = "the limit of linearisations was reached" if stages.thorough else "not asked for"
@@ -240,7 +270,7 @@ def _story(
     )
 
 
-def _more_than_noise(selection: Selection, last: Fit, stages: "_Stages") -> PValue | None:
+def _more_than_noise(selection: Selection, last: Fit, stages: Stages) -> PValue | None:
     """Probability of leaving as much as the answer does, where the noise is known."""
     contest = selection.contest
     if contest.measurement.sigma is None or not stages.go("whether what is left is more than noise"):
@@ -275,7 +305,7 @@ def _outside_the_catalogue(
     story: Story,
     selection: Selection,
     catalog: Mapping[str, type[Effect]],
-    stages: "_Stages",
+    stages: Stages,
 ) -> tuple[NamedForce | None, Verdict]:
     """The force that is missing where nothing explains, or one that does as well: then it is undecided. None where no
     more than noise was measured.
@@ -295,32 +325,8 @@ def _outside_the_catalogue(
     return named, verdict if named is None else "undecided"
 
 
-class _Stages(NamedTuple):
-    """What is done after the search, as far as the budget reaches."""
-
-    budget: Budget
-    thorough: bool
-    progress: Progress
-    untried: list[str]
-
-    def go(self, what: str) -> bool:
-        """Whether there is budget left for a stage; what is left out is noted."""
-        if not self.thorough:
-            return False
-        if self.budget.exhausted:
-            self.untried.append(what)
-            return False
-        self.progress(what)
-        return True
-
-    def ended(self, what: str) -> None:
-        """Note a stage in which the budget ran out."""
-        if self.budget.exhausted:
-            self.untried.append(f"part of {what}")
-
-
 def _with_ties(
-    selection: Selection, known: Ties | None, catalog: Mapping[str, type[Effect]], stages: _Stages
+    selection: Selection, known: Ties | None, catalog: Mapping[str, type[Effect]], stages: Stages
 ) -> tuple[Selection, Ties, Noise]:
     """What else would do as well, and the noise that the answer leaves; a tie that turns out more probable is the
     answer. **Arguments:** ``known``: what ties, where that was looked at.

@@ -12,6 +12,7 @@ from rotorjax.discovery.answers import MistakeRace
 from rotorjax.discovery.bootstrap import PValue
 from rotorjax.discovery.common_noise import Race
 from rotorjax.discovery.contest import Contest
+from rotorjax.discovery.healthy import Healthy
 from rotorjax.discovery.named_force import NamedForce
 from rotorjax.discovery.next_measurement import Proposal
 from rotorjax.discovery.probable import Probable, probable
@@ -82,6 +83,10 @@ class Explanation(Reported):
     def __repr__(self) -> str:
         p = "" if self.p_value is None else f"; p {self.p_value.value:.2g}"
         return f"Explanation({self.verdict}: {', '.join(self.named) or 'no effect'}; {self.story!r}{p})"
+
+    def since(self, healthy: Healthy) -> "Explanation":
+        """The same as what has changed since a measurement of the healthy rotor."""
+        return dataclasses.replace(self, story=dataclasses.replace(self.story, healthy=healthy))
 
     @property
     def mistake(self) -> Mistake | None:

@@ -5,7 +5,6 @@ left.
 import dataclasses
 import functools
 
-import jax.numpy as jnp
 import numpy as np
 
 from rotorjax.data.declarations import Mistake
@@ -13,15 +12,15 @@ from rotorjax.data.measurement import Measurement
 from rotorjax.data.pairing import paired
 from rotorjax.diagnosis.lateral import Lateral, lateral
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
+from rotorjax.discovery.driven_orders import undriven_orders, without_orders
 from rotorjax.discovery.fit import Fit, fit_steps
+from rotorjax.discovery.healthy import Healthy, calibrated
 from rotorjax.discovery.odd_run import fitted_in_one_run
 from rotorjax.discovery.rivals import Rival, rivals
 from rotorjax.effects.structure import DampingError
 from rotorjax.model.contract import AbstractRotor, Effect
 from rotorjax.model.model import Model
-from rotorjax.physics.response import response
 from rotorjax.physics.stability import steadiness
-from rotorjax.physics.steady_state import is_coupled
 from rotorjax.shown import Reported
 from rotorjax.units import MICROMETRE
 
@@ -50,6 +49,8 @@ class Story(Reported):
     """What was written down wrongly: put right from the first fit on."""
     beside: tuple[str, ...] = ()
     """Effects too small to matter by themselves that are in the last fit."""
+    healthy: Healthy | None = None
+    """The model calibrated on the healthy rotor, where that was measured: what differs from it has changed since."""
 
     def __repr__(self) -> str:
         steps = [
@@ -132,13 +133,19 @@ def tell(
     *,
     fixed: frozenset[str] = frozenset(),
     mistake: Mistake | None = None,
+    healthy: Measurement | None = None,
 ) -> Story:
     """Compare a model as it is; then add effects one after the other, fitting what is not fixed, and compare again.
 
     **Arguments:** ``model``, or a rotor alone; ``additions`` in the order of adding; ``fixed``: entries of theirs that
     keep their value; ``mistake``: what is taken to be written down wrongly (`rotorjax.data.declarations.mistakes`), put
-    right before anything is added.
+    right before anything is added; ``healthy``: a measurement of the healthy rotor, on which the model is calibrated
+    first (`rotorjax.discovery.healthy.calibrated`).
     """
+    if healthy is not None:
+        known = calibrated(model, healthy)
+        story = tell(known.model, known.beside(measurement), additions, fixed=fixed, mistake=mistake)
+        return dataclasses.replace(story, healthy=known)
     model = paired(model, measurement)
     names = tuple(effect.name for effect in additions)
     if not additions and mistake is None:
@@ -154,32 +161,3 @@ def tell(
     views = tuple(compare_vectors(f.predicted, measurement, f.model) for f in fits)
     others = tuple(rivals(fits[-1])) if additions else ()
     return Story(model, measurement, stated, names, tuple(fits), views, others, undriven, mistake)
-
-
-def undriven_orders(model: Model, measurement: Measurement) -> tuple[float, ...]:
-    """Measured orders at which the model shows nothing, whatever the values of its effects; none if that is all of
-    them.
-
-    A nonlinear force may drive any order, a stop for instance once the rotor reaches it.
-    """
-    full = model.with_orders(measurement.orders)
-    if is_coupled(full):
-        return ()
-    stirred = full.plus([e.replaced([jnp.full_like(v, 1e-3) for v in e.values()]) for e in full.effects])
-    size = np.max(np.abs(np.asarray(response(stirred, measurement.conditions))), axis=(0, 1))
-    silent = tuple(order for order, largest in zip(measurement.orders, size, strict=True) if largest == 0.0)
-    return silent if len(silent) < len(measurement.orders) else ()
-
-
-def without_orders(measurement: Measurement, orders: tuple[float, ...]) -> Measurement:
-    """The measurement without the vectors of some orders."""
-    if not orders:
-        return measurement
-    kept = [k for k, order in enumerate(measurement.orders) if order not in orders]
-    return dataclasses.replace(
-        measurement,
-        orders=tuple(measurement.orders[k] for k in kept),
-        vectors=measurement.vectors[:, :, kept],
-        present=measurement.present[:, :, kept],
-        sigma=None if measurement.sigma is None else measurement.sigma[:, :, kept],
-    )

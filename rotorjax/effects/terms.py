@@ -15,6 +15,7 @@ from jax import Array
 
 from rotorjax.effects import CATALOG
 from rotorjax.effects.delayed_force import DelayedForce
+from rotorjax.effects.healthy_rotor import HEALTHY
 from rotorjax.effects.power_terms import AxisPowerDamping, AxisPowerSpring, PowerDamping, PowerSpring
 from rotorjax.effects.restoring import AROUND, GAP_SHARES, ONCE_AND_TWICE, STICTION_SPEED, beyond_gap, pull_objection
 from rotorjax.effects.term import AxisForce, Term
@@ -340,5 +341,5 @@ TERMS: MappingProxyType[str, type[Term]] = MappingProxyType(
 repeated.
 """
 
-NAMED: MappingProxyType[str, type[Effect]] = MappingProxyType({**CATALOG, **TERMS})
-"""All that a rig file or a command may name: the catalogue, and these terms."""
+NAMED: MappingProxyType[str, type[Effect]] = MappingProxyType({**CATALOG, **TERMS, **HEALTHY})
+"""All that a rig file or a command may name: the catalogue, these terms, and how the healthy rotor differs."""

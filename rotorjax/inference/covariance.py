@@ -80,6 +80,8 @@ class OfRuns(NamedTuple):
         parts = [weight.reshape(*self.columns.shape[:2], 1) * self.columns]
         if form and self.measurement.knowledge.tolerance > 0.0:
             parts.append(_form_error(self.measurement, weight))
+        if self.measurement.shared_errors is not None:
+            parts.append((weight[..., None] * self.measurement.shared_errors).reshape(*self.columns.shape[:2], -1))
         common = np.concatenate(parts, axis=-1)
         return common[..., np.any(common != 0.0, axis=(0, 1))]
 

@@ -16,6 +16,7 @@ from rotorjax.reporting.critical_speeds import (
     critical_speeds_lines,
     critical_speeds_table,
 )
+from rotorjax.reporting.healthy import healthy_lines, healthy_table
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.sizes import Size, sizes
 from rotorjax.reporting.tables import Table, laid_out, number
@@ -307,7 +308,8 @@ def comparison_text(story: Story, convention: Convention | None = None, *, width
     """Everything that `rotorjax compare` prints. **Arguments:** ``convention`` of angles; ``width``: columns of the
     terminal, if it is one.
     """
-    parts: list[str | Table] = [measurement_line(story.measurement), verdict(story), *_critical_speeds(story)]
+    parts: list[str | Table] = [measurement_line(story.measurement), *healthy_lines(story.healthy), verdict(story)]
+    parts += _critical_speeds(story)
     parts += _comparison_tables(story, convention)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
     title = "Where it fails" if not story.fits else "Where it still fails"
@@ -318,7 +320,9 @@ def comparison_text(story: Story, convention: Convention | None = None, *, width
 def _comparison_tables(story: Story, convention: Convention | None) -> list[Table]:
     """What fitting brought, and critical speeds."""
     critical = critical_speeds_table(story)
-    return [*(step_tables(story, convention) if story.fits else []), *([] if critical is None else [critical])]
+    healthy = healthy_table(story.healthy)
+    more = [table for table in (critical, healthy) if table is not None]
+    return [*(step_tables(story, convention) if story.fits else []), *more]
 
 
 def step_tables(story: Story, convention: Convention | None = None) -> list[Table]:
@@ -362,7 +366,7 @@ def comparison_page(
         title,
         headline,
         measurement_line(story.measurement),
-        findings(story),
+        [*healthy_lines(story.healthy), *findings(story)],
         tables,
         Picture.every(pictures),
         [*where, shares],

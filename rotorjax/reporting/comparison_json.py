@@ -9,6 +9,7 @@ from rotorjax.discovery.story import Story
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import findings, step_labels, steps, verdict
 from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
+from rotorjax.reporting.healthy import healthy_json
 from rotorjax.units import MICROMETRE
 
 
@@ -32,6 +33,7 @@ def comparison_json(story: Story) -> dict[str, Any]:
         "critical_speeds": critical_speeds_json(story),
         "stability": stability_json(story),
         "findings": findings(story),
+        "healthy": healthy_json(story.healthy),
     }
 
 

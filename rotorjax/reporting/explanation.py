@@ -35,6 +35,7 @@ from rotorjax.reporting.comparison import (
 )
 from rotorjax.reporting.correction import balance_of, correction_lines
 from rotorjax.reporting.critical_speeds import critical_speeds_lines, critical_speeds_table
+from rotorjax.reporting.healthy import healthy_lines, healthy_table
 from rotorjax.reporting.missing_force import missing_force_lines, missing_force_table
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.tables import Table, laid_out, number
@@ -294,11 +295,12 @@ def explanation_tables(found: Explanation, rig: Rig | None = None) -> list[Table
     **Arguments:** ``rig`` for angles.
     """
     terms = None if found.named_force is None else missing_force_table(found.named_force)
-    critical = critical_speeds_table(found.story)
+    critical, healthy = critical_speeds_table(found.story), healthy_table(found.story.healthy)
     return [
         *step_tables(found.story, _convention(found, rig)),
         *(table for table in (critical, probable_table(found), ties_table(found), terms) if table is not None),
         *ranking_tables(found),
+        *([] if healthy is None else [healthy]),
     ]
 
 
@@ -324,7 +326,8 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor; ``width``:
     columns of the terminal, if it is one.
     """
-    parts: list[str | Table] = [measurement_line(found.story.declared.measurement), sentence(found)]
+    parts: list[str | Table] = [measurement_line(found.story.declared.measurement), *healthy_lines(found.story.healthy)]
+    parts += [sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [*_critical_speeds(found), *correction_lines(found, rig)]
     parts += explanation_tables(found, rig)
@@ -355,7 +358,7 @@ def explanation_page(
     top, tables = headline(found, first or [], rig), explanation_tables(found, rig)
     model = found.model.with_orders(story.measurement.orders)
     told_above, drawn = next_lines(found), Picture.every(pictures)
-    rest = [line for line in notes(found) if line not in told_above]
+    rest = healthy_lines(story.healthy) + [line for line in notes(found) if line not in told_above]
     speeds = story.measurement.speed_cluster()[1]
     if found.verdict != "unexplained":
         tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]

@@ -17,6 +17,7 @@ from rotorjax.reporting.comparison_json import mistake_json, step_json, view_jso
 from rotorjax.reporting.correction import balance_of
 from rotorjax.reporting.critical_speeds import critical_speeds_json, stability_json
 from rotorjax.reporting.explanation import notes
+from rotorjax.reporting.healthy import healthy_json
 from rotorjax.units import MICROMETRE
 
 
@@ -67,6 +68,7 @@ def explanation_json(found: Explanation, rig: Rig | None = None) -> dict[str, An
         "stability": stability_json(story),
         "missing_force": _missing_force_json(found.named_force),
         "findings": notes(found),
+        "healthy": healthy_json(story.healthy),
         "cost": {**found.cost._asdict(), "untried": list(found.cost.untried), "exhausted": found.cost.exhausted},
     }
 

@@ -21,7 +21,7 @@ PUBLIC = {
     "RunDiagnosis", "SpeedEffect", "Story", "Support", "SupportEffect", "compare", "diagnose", "effects", "explain",
     "fit", "fit_steps", "Instant", "RestoringEffect", "WaveformEffect", "parameter", "read_measurement", "read_rig",
     "response", "rivals", "tell",
-    "SteadyStates", "steady_states",
+    "SteadyStates", "steady_states", "Healthy", "calibrated",
 }  # fmt: skip
 
 

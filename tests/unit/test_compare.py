@@ -297,7 +297,7 @@ def test_nothing_to_fit_and_no_damping():
 
 def test_orders_that_nothing_drives_are_named():
     from rotorjax import tell
-    from rotorjax.discovery.story import undriven_orders
+    from rotorjax.discovery.driven_orders import undriven_orders
     from rotorjax.reporting.comparison import findings, verdict
 
     once = made(ROTOR + effects.ResidualUnbalance(20e-6, 0.0), [1200.0, 1700.0, 2600.0], runs=2)

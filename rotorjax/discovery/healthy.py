@@ -1,0 +1,135 @@
+"""What a measurement of the healthy rotor says of the model, so that only what has changed since is left to explain.
+
+A real rotor is never a disk on a shaft: the shaft has mass, the disk tilts, bearings differ. What that does to the
+vectors is larger than many a fault, and the search would name it. `calibrated` fits mass, damping and stiffness at the
+disk (`rotorjax.effects.healthy_rotor`) to a measurement of the healthy rotor. What these values leave open is an error
+that all vectors measured later share; what they do not explain is the tolerance of the model's form.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from rotorjax.data.measurement import Measurement
+from rotorjax.data.pairing import paired
+from rotorjax.discovery.compare import Comparison, compare, compare_vectors
+from rotorjax.discovery.driven_orders import undriven_orders, without_orders
+from rotorjax.discovery.fit import Fit, fit
+from rotorjax.effects import CATALOG
+from rotorjax.effects.healthy_rotor import HEALTHY
+from rotorjax.errors import InputError
+from rotorjax.inference.covariance import Noise, common_errors
+from rotorjax.inference.curvature import inverse
+from rotorjax.inference.prediction import predict
+from rotorjax.inference.space import make_space
+from rotorjax.model.contract import AbstractRotor
+from rotorjax.model.model import Model
+
+FIRST_TOLERANCE = 1e-3
+"""Tolerance of the model's form under which the first fit is made."""
+TOLERANCES = np.geomspace(1e-5, 0.1, 17)
+"""Each as probable beforehand: what is fitted to the healthy rotor leaves one of them."""
+MOST_LEFT = 0.3
+"""Share of what was measured on the healthy rotor that may be left: beyond, its model is another."""
+OF_STRUCTURE = frozenset({"stiffness_error", "damping_error", "mass_error"})
+"""What the rig file may call uncertain, and a healthy rotor shows."""
+
+
+class Healthy(NamedTuple):
+    """A model calibrated on a measurement of the healthy rotor."""
+
+    model: Model
+    """The model of the healthy rotor: hand it to `compare`, with `beside` of what was measured later."""
+    declared: Comparison
+    """The model as it was stated against that measurement."""
+    calibrated: Comparison
+    fit: Fit
+    tolerance: float
+    """Of the model's form: what the fit leaves beyond the noise, relative to the size of the measured vector."""
+
+    def beside(self, measurement: Measurement) -> Measurement:
+        """What was measured later, with the errors that the calibration leaves in all its vectors, and its tolerance.
+
+        They are J L, J the slopes of the vectors by what was fitted and L Lᵀ its posterior covariance.
+        """
+        full = self.model.with_orders(measurement.orders).with_null_effects(CATALOG.values())
+        space, end = make_space(full, measurement.knowledge), self.fit.end
+        place = {e.key: e.unknown for e in space.entries}
+        fitted = {e.unknown: e.key for e in self.fit.stage.space.entries if e.effect in HEALTHY}
+        own = [k for k, unknown in enumerate(end.free) if unknown in fitted]
+        wanted = np.array([place[fitted[unknown]] for unknown in end.free[own]])
+        point, budget = space.given_unknowns(), self.fit.stage.budget
+        slopes = predict(space, measurement.conditions, point, budget=budget, free=wanted).slopes
+        shared = slopes @ np.linalg.cholesky(inverse(end.curvature)[np.ix_(own, own)])
+        return dataclasses.replace(
+            _with_tolerance(measurement, self.tolerance),
+            shared_errors=shared.reshape(*measurement.vectors.shape, 2, -1),
+        )
+
+
+def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
+    """Fit mass, damping and stiffness at the disk to a measurement of the healthy rotor.
+
+    It is fitted twice: with a first tolerance of the model's form, and with the one that its residual asks for, the
+    root mean square over tolerances from 1e-5 to 0.1, each as probable beforehand, by their evidence. What the rig file
+    calls uncertain of mass, damping and stiffness is fitted here, and is not uncertain later.
+
+    **Arguments:** ``model`` as stated; ``healthy``: a measurement of the rotor in its healthy state, with the weights
+    that were on it. **Errors.** `InputError` where more than 30 % of what was measured is left, so that what was
+    measured is not this rotor, and errors as for `fit`.
+    """
+    stated = paired(model, healthy)
+    full = stated.plus(cls() for cls in HEALTHY.values())
+    measured = without_orders(healthy, undriven_orders(full, healthy))
+    first = fit(full, _with_tolerance(measured, FIRST_TOLERANCE), free=HEALTHY, held_out=False)
+    fitted = fit(full, _with_tolerance(measured, _tolerance(first, measured)), free=HEALTHY, held_out=False)
+    view = compare_vectors(fitted.predicted, fitted.stage.measurement, fitted.model)
+    if view.rms > MOST_LEFT * measured.rms:
+        share = 100.0 * view.rms / measured.rms
+        raise InputError(
+            f"the measurement of the healthy rotor: {share:.0f} % of what was measured is left whatever "
+            "mass, damping and stiffness are: explain it first, and state in the rig file what it shows "
+            "(unbalance or bow of its own, weights, conventions)"
+        )
+    return Healthy(fitted.model, compare(stated, measured), view, fitted, _tolerance(fitted, measured))
+
+
+def _with_tolerance(measurement: Measurement, tolerance: float) -> Measurement:
+    """The measurement with this tolerance, and nothing uncertain of what the healthy rotor shows."""
+    known = measurement.knowledge
+    uncertain = tuple(one for one in known.uncertain if one.effect not in OF_STRUCTURE)
+    return dataclasses.replace(
+        measurement, knowledge=dataclasses.replace(known, uncertain=uncertain, tolerance=tolerance)
+    )
+
+
+def _tolerance(fitted: Fit, healthy: Measurement) -> float:
+    """The root mean square of the tolerances that the measurement may come from, by the evidence of each: what is
+    fitted is linear near the fit, and integrated out.
+    """
+    allowance = fitted.misfit if healthy.sigma is None else 0.0
+    evidence = np.array([_log_evidence(fitted, healthy, Noise(allowance), float(one)) for one in TOLERANCES])
+    weight = np.exp(evidence - evidence.max())
+    return float(np.sqrt(weight @ TOLERANCES**2 / weight.sum()))
+
+
+def _log_evidence(fitted: Fit, healthy: Measurement, noise: Noise, tolerance: float) -> float:
+    """Logarithm of the probability of a residual under a tolerance, up to a constant."""
+    end = fitted.end
+    # Relative to what the fit predicts: what was measured has noise in it, which relative errors would explain.
+    own = dataclasses.replace(_with_tolerance(healthy, tolerance), vectors=fitted.predicted)
+    weight, before = (one.weights(noise.allowance).ravel() for one in (own, fitted.stage.measurement))
+    counted = weight > 0.0
+    by_weight = weight[counted] / before[counted]
+    slopes = end.local.slopes.reshape(len(weight), -1)[counted] * by_weight[:, None]
+    # As it would be at the null: there the prior of what is fitted has its mean.
+    error = end.local.error.ravel()[counted] * by_weight - slopes @ end.point[end.free]
+    common = common_errors(own, fitted.model, noise).reshape(len(weight), -1)[counted]
+    columns = np.concatenate([common, slopes], axis=1)
+    factor = np.linalg.cholesky(np.eye(columns.shape[1]) + columns.T @ columns)
+    score = solve_triangular(factor, columns.T @ error, lower=True)
+    return float(
+        np.sum(np.log(weight[counted])) - np.sum(np.log(np.diag(factor))) - 0.5 * (error @ error - score @ score)
+    )

@@ -1,0 +1,93 @@
+"""How a healthy rotor differs from a disk on a shaft: what `rotorjax.discovery.healthy` fits to its measurement."""
+
+from types import MappingProxyType
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from rotorjax.arrays import diagonal
+from rotorjax.model.contract import (
+    Effect,
+    Excitation,
+    ExcitationEffect,
+    Family,
+    Matrices,
+    MatrixEffect,
+    OperatingPoint,
+)
+from rotorjax.model.parameters import parameter
+
+
+class HealthyRotor(MatrixEffect):
+    """M, C and K of the healthy rotor at the disk, beside those of the rig file:
+
+        D += (1 + e_s Ω²/ω_r²) ΔK + k J + ω_r/Ω-dependent and constant damping + damping that turns with the shaft
+             + iωΩ g J - ω² e_m M
+
+    ω_r is the mean natural frequency. All linear effects of structure at once: a flexible shaft with mass, a tilting
+    disk, unequal bearings with damping in series answer at the disk nearly so, at speeds about one resonance.
+    """
+
+    name: ClassVar[str] = "healthy_rotor"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "how the healthy rotor differs from the rig file in mass, damping and stiffness"
+    source: ClassVar[str] = (
+        "Friswell, Mottershead, Finite Element Model Updating in Structural Dynamics, Kluwer 1995, chapter 8"
+    )
+    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "damping_error", "mass_error", "gyroscopic")
+    stiffness_x: Array = parameter("relative error of the stiffness along x", scale=0.05)
+    stiffness_y: Array = parameter("relative error of the stiffness along y", scale=0.05)
+    stiffness_xy_n_per_m: Array = parameter("symmetric stiffness between x and y", scale=0.02, of="stiffness")
+    cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
+    stiffening_x: Array = parameter("relative growth of the stiffness along x at the natural frequency", scale=0.1)
+    stiffening_y: Array = parameter("relative growth of the stiffness along y at the natural frequency", scale=0.1)
+    damping_x: Array = parameter("relative error of the damping along x", scale=0.5)
+    damping_y: Array = parameter("relative error of the damping along y", scale=0.5)
+    falling_damping: Array = parameter("part of the damping at the natural frequency that falls with speed", scale=0.5)
+    turning_damping_n_s_per_m: Array = parameter("damping that turns with the shaft", scale=1.0, of="damping")
+    mass: Array = parameter("relative error of the mass", scale=0.05)
+    inertia_ratio_kg: Array = parameter("polar moment of inertia times (slope / deflection)²", scale=0.05, of="mass")
+    starts: ClassVar[tuple[dict[str, float], ...]] = (
+        {},
+        *({"stiffness_x": off, "stiffness_y": off} for off in (1.0, -1.0, 2.0, -2.0)),
+    )
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        rotor, speed = point.rotor, point.speed
+        growth = (speed / rotor.natural_frequency()) ** 2
+        falling = self.falling_damping * (rotor.natural_frequency() / speed - 1.0)
+        errors = jnp.stack(
+            [self.stiffness_x + growth * self.stiffening_x, self.stiffness_y + growth * self.stiffening_y]
+        )
+        both = self.stiffness_xy_n_per_m * jnp.array([[0.0, 1.0], [1.0, 0.0]])
+        across = self.cross_stiffness_n_per_m + speed * self.turning_damping_n_s_per_m
+        turning = self.turning_damping_n_s_per_m * jnp.eye(2) + speed * self.inertia_ratio_kg * point.whirl
+        return Matrices(
+            mass=self.mass * rotor.mass * jnp.eye(2),
+            damping=turning,
+            stiffness=across * point.whirl,
+            path_stiffness=diagonal(errors * rotor.stiffness) + both,
+            path_damping=diagonal((jnp.stack([self.damping_x, self.damping_y]) + falling) * rotor.damping),
+        )
+
+
+class HealthySag(ExcitationEffect):
+    """F_0 += M (a g + b J g): the weight bends a shaft with mass of its own otherwise than its vibration does."""
+
+    name: ClassVar[str] = "healthy_sag"
+    family: ClassVar[Family] = "excitation"
+    meaning: ClassVar[str] = "how the sag of the healthy rotor differs from that of the rig file"
+    source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 4.2"
+    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "mass_error")
+    along: Array = parameter("part of the weight along it", scale=0.05)
+    across: Array = parameter("part of the weight across it", scale=0.05)
+
+    def excitation(self, point: OperatingPoint) -> Excitation:
+        weight = point.rotor.mass * point.rotor.gravity
+        turned = jnp.stack([-weight[1], weight[0]])
+        return Excitation(force=point.at_order(0.0) * (self.along * weight + self.across * turned) + 0j)
+
+
+HEALTHY: MappingProxyType[str, type[Effect]] = MappingProxyType({cls.name: cls for cls in (HealthyRotor, HealthySag)})
+"""Name -> class: what the model of a healthy rotor has beside the effects that the rig file states."""

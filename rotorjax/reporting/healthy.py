@@ -1,0 +1,64 @@
+"""What a measurement of the healthy rotor gave: a line, a table, JSON."""
+
+from typing import Any
+
+from rotorjax.discovery.healthy import Healthy
+from rotorjax.reporting.tables import Table, number
+from rotorjax.units import MICROMETRE
+
+TOO_MUCH = 1.5
+"""Reduced chi-square from which on the healthy rotor is said to show more than its calibrated model."""
+
+
+def healthy_lines(healthy: Healthy | None) -> list[str]:
+    """What the calibration brought, and what it leaves."""
+    if healthy is None:
+        return []
+    before, after = (number(view.rms / MICROMETRE) for view in (healthy.declared, healthy.calibrated))
+    noise, chi2 = healthy.calibrated.measurement.noise_rms, healthy.fit.reduced_chi2
+    alone = "" if noise is None else f" (noise alone is {number(noise / MICROMETRE)} µm)"
+    vectors = int(healthy.calibrated.measurement.present.sum())
+    within = number(100.0 * healthy.tolerance, 2)
+    lines = [
+        f"Healthy rotor, {vectors} vectors: the model as stated differs from it by {before} µm rms, by {after} µm with "
+        f"mass, damping and stiffness fitted to it{alone}. So calibrated it is the model as declared in all that "
+        f"follows: what is found has changed since. Its form counts as right within {within} %."
+    ]
+    if chi2 is not None and chi2 > TOO_MUCH:
+        lines.append(
+            f"The healthy rotor shows more than that (reduced chi² {number(chi2)}): unbalance, bow or runout that it "
+            "has in its healthy state are told from changes only if the rig file states them; explain that "
+            "measurement first."
+        )
+    return lines
+
+
+def healthy_table(healthy: Healthy | None) -> Table | None:
+    """What was fitted to the healthy rotor."""
+    if healthy is None:
+        return None
+    rows = [
+        [e.entry.key, f"{number(e.value)} ± {number(1.96 * e.standard_error, 2)}", e.entry.unit.si]
+        for e in healthy.fit.estimates
+    ]
+    note = "Beside the values of the rig file; what these leave open counts as an error that all vectors share."
+    return Table("The model of the healthy rotor", ["in rig files", "value (95 % interval)", "unit"], rows, note)
+
+
+def healthy_json(healthy: Healthy | None) -> dict[str, Any] | None:
+    """The same as plain numbers."""
+    if healthy is None:
+        return None
+    noise = healthy.calibrated.measurement.noise_rms
+    parameters: dict[str, dict[str, Any]] = {}
+    for e in healthy.fit.estimates:
+        own = parameters.setdefault(e.entry.effect, {})
+        own[e.entry.label] = {"value": e.value, "standard_error": e.standard_error, "determined": e.determined}
+    return {
+        "as_stated_rms_um": healthy.declared.rms / MICROMETRE,
+        "rms_um": healthy.calibrated.rms / MICROMETRE,
+        "noise_rms_um": None if noise is None else noise / MICROMETRE,
+        "reduced_chi2": healthy.fit.reduced_chi2,
+        "tolerance": healthy.tolerance,
+        "parameters": parameters,
+    }

@@ -1,0 +1,157 @@
+"""A rotor with more detail than the model, measured when healthy and later: what has changed is found, and not what the
+healthy rotor has.
+
+The rotor is written out here: a disk off midspan that tilts, with polar and diametral moments, on a massless shaft, in
+bearings that differ along x and y (Genta, Dynamics of Rotating Systems, Springer 2005, section 2.6).
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rotorjax import (
+    Conditions,
+    InputError,
+    Jeffcott,
+    Layout,
+    Measurement,
+    Model,
+    calibrated,
+    compare,
+    effects,
+    explain,
+    response,
+    tell,
+)
+from rotorjax.effects.healthy_rotor import HealthyRotor, HealthySag
+from rotorjax.reporting.comparison import comparison_text
+from rotorjax.reporting.explanation import explanation_text
+from rotorjax.reporting.explanation_json import explanation_json
+
+MASS, STIFFNESS, DAMPING = 2.0, np.array([2.1e5, 1.9e5]), np.array([14.0, 12.0])
+RATIO = DAMPING / (2.0 * np.sqrt(STIFFNESS * MASS))
+SPEEDS = np.linspace(0.6, 1.4, 12) * 316.0
+WEIGHTS = np.array([[2e-5, 0.0], [4e-5, 1e-5], [-1e-5, 4e-5]])
+SIGMA = 2e-7
+MODEL = Model(Jeffcott(MASS, STIFFNESS, RATIO), layout=Layout(orders=(1.0,)))
+
+
+def conditions() -> Conditions:
+    return Conditions.at(np.tile(SPEEDS, 3), unbalance=np.repeat(WEIGHTS, len(SPEEDS), axis=0)[:, None])
+
+
+def detailed(*, cross: float = 0.0, unbalance: complex = 0.0) -> np.ndarray:
+    """Vectors of X and Y [m]: coordinates x, y and slopes; ``cross``: k of a force across the motion of the disk."""
+    lever, turning = 0.12, 2.2e4
+    polar, diametral = 0.012, 0.008
+    vectors = []
+    for speed, (ux, uy) in zip(np.tile(SPEEDS, 3), np.repeat(WEIGHTS, len(SPEEDS), axis=0), strict=True):
+        dynamic = np.zeros((4, 4), complex)
+        for axis in (0, 1):
+            own = np.array([[1.0, lever], [lever, lever**2]]) * STIFFNESS[axis] * 1.03
+            own = own + np.array([[0.0, 0.0], [0.0, turning]])
+            own = own - speed**2 * np.diag([1.05 * MASS, diametral]) + 1j * speed * np.diag([DAMPING[axis], 0.1])
+            dynamic[np.ix_([axis, axis + 2], [axis, axis + 2])] = own
+        dynamic[0, 1], dynamic[1, 0] = cross, -cross
+        dynamic[2, 3], dynamic[3, 2] = 1j * speed**2 * polar, -1j * speed**2 * polar
+        force = speed**2 * (ux + 1j * uy + unbalance) * np.array([1.0, -1j, 0.0, 0.0])
+        vectors.append(np.linalg.solve(dynamic, force)[:2])
+    return np.array(vectors)[..., None]
+
+
+def measured(vectors: np.ndarray, seed: int, sigma: float | None = SIGMA) -> Measurement:
+    rng = np.random.default_rng(seed)
+    noise = SIGMA * (rng.standard_normal(vectors.shape) + 1j * rng.standard_normal(vectors.shape))
+    run = np.repeat(np.arange(3), len(SPEEDS))
+    return Measurement.from_arrays(
+        vectors + noise, conditions(), run=run, runs=("baseline", "trial-a", "trial-b"), sigma=sigma
+    )
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None], ids=["noise given", "noise unknown"])
+def test_a_tilting_disk_is_calibrated_to_the_noise(sigma):
+    found = calibrated(MODEL, measured(detailed(), 1, sigma))
+    assert found.declared.rms > 20.0 * SIGMA
+    assert found.calibrated.rms < 1.6 * SIGMA
+    assert found.tolerance < 2e-3
+
+
+def test_what_the_calibration_leaves_open_is_as_large_as_said():
+    later, counted = measured(detailed(), 100), []
+    for seed in range(12):
+        found = calibrated(MODEL, measured(detailed(), seed))
+        beside = found.beside(later)
+        assert beside.shared_errors is not None
+        error = np.asarray(response(found.model, later.conditions)) - detailed()
+        pairs = np.stack([error.real, error.imag], axis=-1).ravel() / SIGMA
+        columns = beside.shared_errors.reshape(len(pairs), -1) / SIGMA
+        # Along the directions that the data determine: the others have the prior's width.
+        directions, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        counted.append(np.mean((directions.T @ pairs / np.hypot(sizes, 0.05))[:6] ** 2))
+    assert 0.3 < np.mean(counted) < 1.6
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"cross": 1500.0}, "cross_coupling"), ({"unbalance": 6e-6 - 4e-6j}, "residual_unbalance")],
+)
+def test_what_has_changed_since_is_found(change, name):
+    found = explain(MODEL, measured(detailed(**change), 2), healthy=measured(detailed(), 1))
+    assert found.effects == (name,)
+    values = [e for e in found.story.fits[-1].estimates if e.entry.effect == name]
+    true = [1500.0] if name == "cross_coupling" else [6e-6, -4e-6]
+    for estimate, value in zip(values, true, strict=True):
+        assert abs(estimate.value - value) < 3.5 * estimate.standard_error
+    text, content = explanation_text(found), explanation_json(found)
+    assert "Healthy rotor, 72 vectors" in text
+    assert content["healthy"]["rms_um"] < 0.4 < content["healthy"]["as_stated_rms_um"]
+
+
+def test_nothing_has_changed():
+    found = explain(MODEL, measured(detailed(), 3), healthy=measured(detailed(), 1))
+    assert found.verdict == "nothing missing"
+    own = ["gyroscopic", "mass_error", "stiffness_error", "damping_error"]
+    assert explain(MODEL, measured(detailed(), 3), only=own, thorough=False).verdict != "nothing missing"
+
+
+def test_compare_begins_with_the_healthy_rotor():
+    story = tell(MODEL, measured(detailed(cross=1500.0), 2), [effects.CrossCoupling()], healthy=measured(detailed(), 1))
+    assert story.last.rms < 1.6 * SIGMA < story.declared.rms
+    assert "calibrated" in comparison_text(story)
+
+
+def test_another_rotor_is_refused():
+    healthy = measured(detailed(), 1)
+    exchanged = dataclasses.replace(healthy, vectors=healthy.vectors[::-1])
+    with pytest.raises(InputError, match="explain it first"):
+        calibrated(MODEL, exchanged)
+
+
+@pytest.mark.parametrize(
+    ("values", "same"),
+    [
+        ({"stiffness_x": 0.1, "stiffness_y": -0.05}, effects.StiffnessError(0.1, -0.05)),
+        ({"stiffening_x": 0.1, "stiffening_y": -0.05}, effects.SpeedDependentStiffness(0.1, -0.05)),
+        ({"cross_stiffness_n_per_m": 900.0}, effects.CrossCoupling(900.0)),
+        ({"damping_x": 0.3, "damping_y": -0.2}, effects.DampingError(np.log(1.3), np.log(0.8))),
+        ({"falling_damping": 0.3}, effects.SpeedDependentDamping(0.3)),
+        ({"turning_damping_n_s_per_m": 5.0}, effects.InternalDamping(5.0)),
+        ({"mass": 0.1}, effects.MassError(0.1)),
+        ({"inertia_ratio_kg": 0.1}, effects.Gyroscopic(0.1)),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_each_part_is_that_of_the_catalogue(values, same):
+    one, other = (
+        compare(MODEL + effect, measured(detailed(), 1)).predicted for effect in (HealthyRotor(**values), same)
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_the_sag_grows_by_a_part_of_the_weight():
+    heavy = Model(Jeffcott(MASS, STIFFNESS, RATIO, gravity=(0.0, -9.81)), layout=Layout(orders=(0.0, 1.0)))
+    plain, more = (np.asarray(response(m, conditions())) for m in (heavy, heavy + HealthySag(along=0.1, across=0.05)))
+    np.testing.assert_allclose(more[..., 1], plain[..., 1])
+    np.testing.assert_allclose(more[:, 1, 0], 1.1 * plain[:, 1, 0])
+    np.testing.assert_allclose(more[:, 0, 0], 0.05 * 9.81 * MASS / STIFFNESS[0])
