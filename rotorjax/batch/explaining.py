@@ -121,6 +121,7 @@ def _explained(task: Task) -> dict[str, Any]:
         only=task.only,
         exclude=task.exclude,
         mistakes=task.mistakes,
+        healthy=rig.of_healthy(task.data),
     )
     if task.report:
         _write_report(

@@ -235,12 +235,10 @@ def _measured(
 
 def _of_healthy(options: argparse.Namespace, rig: "Rig") -> "Measurement | None":
     """The measurement of the healthy rotor, if there is one."""
-    if options.healthy is None:
-        return None
     from rotorjax.data.rig import read_measurement
 
-    healthy = read_measurement(options.healthy, rig)
-    note(healthy.notes)
+    healthy = rig.of_healthy(options.data) if options.healthy is None else read_measurement(options.healthy, rig)
+    note(() if healthy is None else healthy.notes)
     return healthy
 
 

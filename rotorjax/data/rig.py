@@ -10,7 +10,7 @@ import numpy as np
 import tomlkit
 
 from rotorjax.data.declarations import Mistake
-from rotorjax.data.files import write_whole
+from rotorjax.data.files import resolved, write_whole
 from rotorjax.data.measurement import PEAK, Installed, Knowledge, Measurement, Row, arrange
 from rotorjax.data.plausibility import doubts
 from rotorjax.data.rig_edits import put_right
@@ -72,6 +72,8 @@ class Rig:
     """What recordings in time are."""
     document: Document
     """The file as read, for the places of what is said about it."""
+    healthy: Path | None = None
+    """Table of the healthy rotor, where ``[model] healthy`` names one."""
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.model.effects) or "none"
@@ -106,6 +108,15 @@ class Rig:
         """
         path = Path(name)
         return self.measurement(parse_table(text, path, probes=self.model.layout.probes), path)
+
+    def of_healthy(self, beside: str | Path | None = None) -> Measurement | None:
+        """The measurement of the healthy rotor that the file names, if it does; none for that table itself.
+
+        **Arguments:** ``beside``: the table that is looked at. **Errors.** `InputError` as for any table.
+        """
+        if self.healthy is None or (beside is not None and resolved(Path(beside)) == resolved(self.healthy)):
+            return None
+        return read_measurement(self.healthy, self)
 
     def check_only(self, only: Collection[str], measurement: Measurement) -> None:
         """`InputError` if an effect that alone may be missing is in the model already, or is estimated in any case."""
@@ -147,6 +158,8 @@ class Rig:
         """
         document, right = (tomlkit.parse(self.text), True) if mistake is None else put_right(self.text, mistake)
         document.pop("effects", None)
+        # What is written has changed since the healthy rotor, which is not to be calibrated on once more.
+        document.get("model", {}).pop("healthy", None)
         model = self._with_other_orders(model)
         if model.effects:
             effects = tomlkit.table(is_super_table=True)
@@ -226,7 +239,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     participation = {name: plane.participation for name, plane in planes.items()}
     runs = runs_of(document, participation, convention)
     model_parts = rotor_of(document, rotation), probes_of(document)
-    tolerance, scatter = form_of(document)
+    tolerance, scatter, healthy = form_of(document)
     knowledge = Knowledge(
         **uncertainty_of(document, tuple(model_parts[1])), priors=priors_of(document, catalog),
         limits=limits_of(document), tolerance=tolerance, run_scatter=scatter,
@@ -241,7 +254,7 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
     orders = {order for _, _, named in declared for order in named}
     model = model.with_orders(tuple(sorted({*model.layout.orders, *orders})))
     model = model.plus([effect_from_labels(cls, model.layout, given) for cls, given, _ in declared])
-    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, waveform, document)
+    return Rig(model, runs, convention, knowledge, document.path, document.text, planes, waveform, document, healthy)
 
 
 def read_measurement(path: str | Path, rig: Rig) -> Measurement:

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -211,13 +212,17 @@ def _size(weight: Section) -> float:
     return weight.number("magnitude_g_mm", least=0.0) * GRAM_MILLIMETRE
 
 
-def form_of(document: Document) -> tuple[float, Literal["auto", "none"]]:
-    """Tolerance of the model's form, and whether runs may scatter."""
+def form_of(document: Document) -> tuple[float, Literal["auto", "none"], Path | None]:
+    """Tolerance of the model's form, whether runs may scatter, and the table of the healthy rotor."""
     section = document.section("model")
     tolerance = section.number("tolerance", 0.0, least=0.0)
     scatter = section.choice("run_scatter", ("auto", "none"))
+    healthy = section.raw("healthy")
+    if healthy is not None and not (isinstance(healthy, str) and healthy):
+        section.problem("healthy", 'is no file: write healthy = "healthy.csv", a table beside this file')
+        healthy = None
     section.close()
-    return tolerance, scatter  # type: ignore[return-value]
+    return tolerance, scatter, None if healthy is None else document.path.parent / healthy  # type: ignore[return-value]
 
 
 # Key of [uncertainty] -> effect, parameter along x and y (or the only one), logarithmic, SI value of one unit.

@@ -86,6 +86,10 @@ def _explained(
     found = explain(rig.model, measurement, **options, progress=progress)
     progress("drawing the report")
     folder, notes = Path(job["folder"]), list(measurement.notes)
+    if rig.healthy is not None:
+        notes.append(
+            "the table of the healthy rotor that the rig file names was not read here: `rotorjax explain` does"
+        )
     if not rig.write(folder / RIG, found.model, found.mistake):
         cure = "" if found.mistake is None else f"; change by hand: {found.mistake.cure}"
         notes.append(f"the saved rig file still has the wrong entry{cure}")

@@ -6,6 +6,8 @@ bearings that differ along x and y (Genta, Dynamics of Rotating Systems, Springe
 """
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +23,13 @@ from rotorjax import (
     compare,
     effects,
     explain,
+    read_measurement,
+    read_rig,
     response,
     tell,
 )
+from rotorjax.batch.explaining import Task, explain_case
+from rotorjax.cli import main
 from rotorjax.effects.healthy_rotor import HealthyRotor, HealthySag
 from rotorjax.reporting.comparison import comparison_text
 from rotorjax.reporting.explanation import explanation_text
@@ -155,3 +161,64 @@ def test_the_sag_grows_by_a_part_of_the_weight():
     np.testing.assert_allclose(more[..., 1], plain[..., 1])
     np.testing.assert_allclose(more[:, 1, 0], 1.1 * plain[:, 1, 0])
     np.testing.assert_allclose(more[:, 0, 0], 0.05 * 9.81 * MASS / STIFFNESS[0])
+
+
+RIG = """
+[rotor]
+mass_kg = 2.0
+stiffness_n_per_m = { x = 2.1e5, y = 1.9e5 }
+damping_ratio = { x = 0.0108, y = 0.0097 }
+[probes]
+X = { angle_deg = 0.0 }
+Y = { angle_deg = 90.0 }
+[model]
+healthy = "healthy.csv"
+[runs.baseline]
+unbalance = { magnitude_g_mm = 20.0, angle_deg = 0.0 }
+[runs.trial-a]
+unbalance = [{ magnitude_g_mm = 40.0, angle_deg = 0.0 }, { magnitude_g_mm = 10.0, angle_deg = 90.0 }]
+[runs.trial-b]
+unbalance = [{ magnitude_g_mm = 10.0, angle_deg = 180.0 }, { magnitude_g_mm = 40.0, angle_deg = 90.0 }]
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG, encoding="utf-8")
+    rig = read_rig(path)
+    rig.write_measurement(tmp_path / "healthy.csv", measured(detailed(), 1))
+    rig.write_measurement(tmp_path / "later.csv", measured(detailed(cross=1500.0), 2))
+    return tmp_path
+
+
+def compared(folder: Path, *more: str) -> dict:
+    """What `compare` writes."""
+    report = folder / "compared.json"
+    main(["compare", str(folder / "later.csv"), "--rig", str(folder / "rig.toml"), "--json", str(report), *more])
+    return json.loads(report.read_text(encoding="utf-8"))
+
+
+def test_the_rig_file_may_name_the_healthy_table(files):
+    by_key = compared(files, "--effect", "cross_coupling", "--write-rig", str(files / "now.toml"))
+    text = (files / "rig.toml").read_text(encoding="utf-8").replace('healthy = "healthy.csv"', "")
+    (files / "rig.toml").write_text(text, encoding="utf-8")
+    assert compared(files)["healthy"] is None
+    assert compared(files, "--healthy", str(files / "healthy.csv"), "--effect", "cross_coupling") == by_key
+    assert by_key["healthy"]["tolerance"] < 2e-3
+    now = read_rig(files / "now.toml")
+    assert now.healthy is None
+    assert compare(now.model, read_measurement(files / "later.csv", now)).rms < 1.6 * SIGMA
+
+
+@pytest.mark.parametrize(("key", "words"), [("3", "is no file"), ('"none.csv"', "none.csv")])
+def test_a_healthy_table_that_is_not_there_is_refused(files, key, words, capsys):
+    text = (files / "rig.toml").read_text(encoding="utf-8").replace('"healthy.csv"', key)
+    (files / "rig.toml").write_text(text, encoding="utf-8")
+    assert main(["compare", str(files / "later.csv"), "--rig", str(files / "rig.toml")]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_fleet_is_explained_since_it_was_healthy(files):
+    row = explain_case(Task(files / "later.csv", files / "rig.toml", only=("cross_coupling", "gyroscopic")))
+    assert row["effects"] == ["cross_coupling"]
