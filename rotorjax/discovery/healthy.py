@@ -2,7 +2,8 @@
 
 A real rotor is never a disk on a shaft: the shaft has mass, the disk tilts, bearings differ. What that does to the
 vectors is larger than many a fault, and the search would name it. `calibrated` fits mass, damping and stiffness at the
-disk (`rotorjax.effects.healthy_rotor`) to a measurement of the healthy rotor. What these values leave open is an error
+disk, unbalance, bow and runout of its own (`rotorjax.effects.healthy_rotor`) to a
+measurement of the healthy rotor. What these values leave open is an error
 that all vectors measured later share; what they do not explain is the tolerance of the model's form.
 """
 
@@ -33,7 +34,7 @@ TOLERANCES = np.geomspace(1e-5, 0.1, 17)
 """Each as probable beforehand: what is fitted to the healthy rotor leaves one of them."""
 MOST_LEFT = 0.3
 """Share of what was measured on the healthy rotor that may be left: beyond, its model is another."""
-OF_STRUCTURE = frozenset({"stiffness_error", "damping_error", "mass_error"})
+OF_HEALTHY = frozenset({"stiffness_error", "damping_error", "mass_error"})
 """What the rig file may call uncertain, and a healthy rotor shows."""
 
 
@@ -70,7 +71,8 @@ class Healthy(NamedTuple):
 
 
 def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
-    """Fit mass, damping and stiffness at the disk to a measurement of the healthy rotor.
+    """Fit a model to a measurement of the healthy rotor: mass, damping and stiffness at the disk, its own unbalance,
+    bow and runout.
 
     It is fitted twice: with a first tolerance of the model's form, and with the one that its residual asks for, the
     root mean square over tolerances from 1e-5 to 0.1, each as probable beforehand, by their evidence. What the rig file
@@ -90,8 +92,8 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
         share = 100.0 * view.rms / measured.rms
         raise InputError(
             f"the measurement of the healthy rotor: {share:.0f} % of what was measured is left whatever "
-            "mass, damping and stiffness are: explain it first, and state in the rig file what it shows "
-            "(unbalance or bow of its own, weights, conventions)"
+            "mass, damping, stiffness, unbalance and bow are: explain it first, and state in the rig file what it "
+            "shows (weights, conventions, gains)"
         )
     return Healthy(fitted.model, compare(stated, measured), view, fitted, _tolerance(fitted, measured))
 
@@ -99,7 +101,7 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
 def _with_tolerance(measurement: Measurement, tolerance: float) -> Measurement:
     """The measurement with this tolerance, and nothing uncertain of what the healthy rotor shows."""
     known = measurement.knowledge
-    uncertain = tuple(one for one in known.uncertain if one.effect not in OF_STRUCTURE)
+    uncertain = tuple(one for one in known.uncertain if one.effect not in OF_HEALTHY)
     return dataclasses.replace(
         measurement, knowledge=dataclasses.replace(known, uncertain=uncertain, tolerance=tolerance)
     )

@@ -3,6 +3,7 @@
 from types import MappingProxyType
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -15,6 +16,8 @@ from rotorjax.model.contract import (
     Matrices,
     MatrixEffect,
     OperatingPoint,
+    Reading,
+    ReadingEffect,
 )
 from rotorjax.model.parameters import parameter
 
@@ -72,22 +75,51 @@ class HealthyRotor(MatrixEffect):
         )
 
 
-class HealthySag(ExcitationEffect):
-    """F_0 += M (a g + b J g): the weight bends a shaft with mass of its own otherwise than its vibration does."""
+class HealthyExcitation(ExcitationEffect):
+    """F_1 += Ω² (U_x + iU_y) f; s += S_x + iS_y; F_0 += M (a g + b J g): every rotor has some unbalance and bow of its
+    own, and the weight bends a shaft with mass otherwise than its vibration does.
+    """
 
-    name: ClassVar[str] = "healthy_sag"
+    name: ClassVar[str] = "healthy_excitation"
     family: ClassVar[Family] = "excitation"
-    meaning: ClassVar[str] = "how the sag of the healthy rotor differs from that of the rig file"
+    meaning: ClassVar[str] = "unbalance and bow that the healthy rotor has, and how its sag differs from the rig file"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 4.2"
-    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "mass_error")
-    along: Array = parameter("part of the weight along it", scale=0.05)
-    across: Array = parameter("part of the weight across it", scale=0.05)
+    relatives: ClassVar[tuple[str, ...]] = ("residual_unbalance", "residual_bow")
+    unbalance_x_kg_m: Array = parameter("unbalance along x", scale=1.0, of="unbalance")
+    unbalance_y_kg_m: Array = parameter("unbalance 90° on in the sense of rotation", scale=1.0, of="unbalance")
+    bow_x_m: Array = parameter("bow along x", scale=2.0, of="eccentricity")
+    bow_y_m: Array = parameter("bow 90° on in the sense of rotation", scale=2.0, of="eccentricity")
+    sag_along: Array = parameter("part of the weight along it", scale=0.05)
+    sag_across: Array = parameter("part of the weight across it", scale=0.05)
 
     def excitation(self, point: OperatingPoint) -> Excitation:
-        weight = point.rotor.mass * point.rotor.gravity
-        turned = jnp.stack([-weight[1], weight[0]])
-        return Excitation(force=point.at_order(0.0) * (self.along * weight + self.across * turned) + 0j)
+        once, weight = point.at_order(1.0), point.rotor.mass * point.rotor.gravity
+        unbalance = jnp.stack([self.unbalance_x_kg_m, self.unbalance_y_kg_m])
+        bow = jnp.stack([self.bow_x_m, self.bow_y_m])
+        sag = self.sag_along * weight + self.sag_across * jnp.stack([-weight[1], weight[0]])
+        return Excitation(
+            force=point.forward(once * point.speed**2 * unbalance) + point.at_order(0.0) * sag,
+            offset=point.forward(once * bow),
+        )
 
 
-HEALTHY: MappingProxyType[str, type[Effect]] = MappingProxyType({cls.name: cls for cls in (HealthyRotor, HealthySag)})
+class HealthyRunout(ReadingEffect):
+    """z += r, one complex number per probe and order: the runout that the healthy rotor has."""
+
+    name: ClassVar[str] = "healthy_runout"
+    family: ClassVar[Family] = "reading"
+    meaning: ClassVar[str] = "runout that the healthy rotor has"
+    source: ClassVar[str] = "API 670, 5th edition, 2014, section 6.1"
+    relatives: ClassVar[tuple[str, ...]] = ("runout",)
+    real_m: Array = parameter("runout in phase with the reference", scale=1.0, of="runout", axes=("probe", "order"))
+    imaginary_m: Array = parameter("runout 90° ahead", scale=1.0, of="runout", axes=("probe", "order"))
+
+    def reading(self, point: OperatingPoint) -> Reading:
+        here = point.order_index
+        return Reading(runout=jax.lax.complex(self.real_m[:, here], self.imaginary_m[:, here]))
+
+
+HEALTHY: MappingProxyType[str, type[Effect]] = MappingProxyType(
+    {cls.name: cls for cls in (HealthyRotor, HealthyExcitation, HealthyRunout)}
+)
 """Name -> class: what the model of a healthy rotor has beside the effects that the rig file states."""

@@ -20,15 +20,14 @@ def healthy_lines(healthy: Healthy | None) -> list[str]:
     vectors = int(healthy.calibrated.measurement.present.sum())
     within = number(100.0 * healthy.tolerance, 2)
     lines = [
-        f"Healthy rotor, {vectors} vectors: the model as stated differs from it by {before} µm rms, by {after} µm with "
-        f"mass, damping and stiffness fitted to it{alone}. So calibrated it is the model as declared in all that "
+        f"Healthy rotor, {vectors} vectors: the model as stated differs from it by {before} µm rms, by {after} µm "
+        f"once it is fitted to it{alone}. So calibrated it is the model as declared in all that "
         f"follows: what is found has changed since. Its form counts as right within {within} %."
     ]
     if chi2 is not None and chi2 > TOO_MUCH:
         lines.append(
-            f"The healthy rotor shows more than that (reduced chi² {number(chi2)}): unbalance, bow or runout that it "
-            "has in its healthy state are told from changes only if the rig file states them; explain that "
-            "measurement first."
+            f"The healthy rotor shows more than that (reduced chi² {number(chi2)}): what that is "
+            "may be taken for a change: explain that measurement first, and put into the rig file what is found."
         )
     return lines
 
