@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
@@ -42,6 +42,7 @@ STATED = {"amplitude_um_0pk": ("amplitude", "peak"), "phase_lead_deg": ("phase",
 
 if TYPE_CHECKING:
     from rotorjax.data.rig import Rig
+    from rotorjax.model.model import Model
 
 NOISE_ALONE = 0.01
 """Probability of noise alone from which on nothing was measured."""
@@ -116,6 +117,15 @@ class Knowledge:
     """Radius at which weights sit in each balancing plane, where it is stated."""
 
 
+@runtime_checkable
+class SharedErrors(Protocol):
+    """Errors that all vectors of a measurement share."""
+
+    def columns(self, model: "Model", measurement: "Measurement") -> Float[np.ndarray, "case cell common"]:
+        """What one unit of each does to the vectors where a model is right [m]."""
+        ...
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Measurement(Shown):
     """Vibration vectors of a set of runs, dense over case x probe x order, with what was installed in each case."""
@@ -140,8 +150,8 @@ class Measurement(Shown):
     """Index of the run in which something may be other than stated: see `rotorjax.effects.of_one_run`."""
     doubted: Float[np.ndarray, "case probe order"] | None = None
     """Standard error of single readings that may be wrong, beside that of the table [m]; zero of all others."""
-    shared_errors: Float[np.ndarray, "case probe order 2 common"] | None = None
-    """What one unit of every error that all vectors share does to them [m]: of a calibration on the healthy rotor."""
+    calibration: "SharedErrors | None" = None
+    """What a calibration on the healthy rotor leaves open: an error that all vectors share."""
 
     @classmethod
     def from_arrays(  # noqa: PLR0913

@@ -165,9 +165,10 @@ class Contest:
         return make_data(self.measurement, self._felt_by(noise, point), noise)
 
     def _felt_by(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Model:
-        """The model by which what is random in a run is felt: any, where nothing is."""
+        """The model by which errors in common are felt: any, where there are none but of the model's form."""
         random = anything_random(self.measurement.knowledge, noise.scatter)
-        return self.space.model_at(point) if random else self.space.model
+        shared = random or self.measurement.calibration is not None
+        return self.space.model_at(point) if shared else self.space.model
 
     def misfit_left(self, contender: Contender) -> float:
         """Isotropic misfit that a contender leaves [m]."""

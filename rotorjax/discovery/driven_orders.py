@@ -37,5 +37,4 @@ def without_orders(measurement: Measurement, orders: tuple[float, ...]) -> Measu
         vectors=measurement.vectors[:, :, kept],
         present=measurement.present[:, :, kept],
         sigma=None if measurement.sigma is None else measurement.sigma[:, :, kept],
-        shared_errors=None if measurement.shared_errors is None else measurement.shared_errors[:, :, kept],
     )

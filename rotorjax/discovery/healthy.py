@@ -11,9 +11,10 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from rotorjax.data.measurement import Measurement
+from rotorjax.data.measurement import Knowledge, Measurement
 from rotorjax.data.pairing import paired
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.driven_orders import undriven_orders, without_orders
@@ -21,12 +22,14 @@ from rotorjax.discovery.fit import Fit, fit
 from rotorjax.effects import CATALOG
 from rotorjax.effects.healthy_rotor import HEALTHY
 from rotorjax.errors import InputError
+from rotorjax.inference.budget import Budget
 from rotorjax.inference.covariance import Noise, common_errors
 from rotorjax.inference.curvature import inverse
 from rotorjax.inference.prediction import predict
 from rotorjax.inference.space import make_space
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
+from rotorjax.physics.steady_state import without_coupling
 
 FIRST_TOLERANCE = 1e-3
 """Tolerance of the model's form under which the first fit is made."""
@@ -51,23 +54,34 @@ class Healthy(NamedTuple):
     """Of the model's form: what the fit leaves beyond the noise, relative to the size of the measured vector."""
 
     def beside(self, measurement: Measurement) -> Measurement:
-        """What was measured later, with the errors that the calibration leaves in all its vectors, and its tolerance.
-
-        They are J L, J the slopes of the vectors by what was fitted and L Lᵀ its posterior covariance.
-        """
-        full = self.model.with_orders(measurement.orders).with_null_effects(CATALOG.values())
-        space, end = make_space(full, measurement.knowledge), self.fit.end
-        place = {e.key: e.unknown for e in space.entries}
-        fitted = {e.unknown: e.key for e in self.fit.stage.space.entries if e.effect in HEALTHY}
+        """What was measured later, with the error that the calibration leaves in all its vectors, and its tolerance."""
+        end = self.fit.end
+        fitted = {e.unknown: e for e in self.fit.stage.space.entries if e.effect in HEALTHY}
         own = [k for k, unknown in enumerate(end.free) if unknown in fitted]
-        wanted = np.array([place[fitted[unknown]] for unknown in end.free[own]])
-        point, budget = space.given_unknowns(), self.fit.stage.budget
-        slopes = predict(space, measurement.conditions, point, budget=budget, free=wanted).slopes
-        shared = slopes @ np.linalg.cholesky(inverse(end.curvature)[np.ix_(own, own)])
-        return dataclasses.replace(
-            _with_tolerance(measurement, self.tolerance),
-            shared_errors=shared.reshape(*measurement.vectors.shape, 2, -1),
-        )
+        entries = [fitted[unknown] for unknown in end.free[own]]
+        root = np.linalg.cholesky(inverse(end.curvature)[np.ix_(own, own)])
+        left = LeftOpen(tuple(e.key for e in entries), np.array([e.scale for e in entries])[:, None] * root)
+        return dataclasses.replace(_with_tolerance(measurement, self.tolerance), calibration=left)
+
+
+class LeftOpen(NamedTuple):
+    """What a calibration leaves open of the parameters that it fitted."""
+
+    keys: tuple[str, ...]
+    """Effect and label of each."""
+    root: Float[np.ndarray, "own common"]
+    """L, their posterior covariance being L Lᵀ [SI]."""
+
+    def columns(self, model: Model, measurement: Measurement) -> Float[np.ndarray, "case cell common"]:
+        """J L, J the slopes of the vectors by these parameters where a model is right, without its nonlinear forces."""
+        linear = without_coupling(model.with_orders(measurement.orders)).with_null_effects(CATALOG.values())
+        space = make_space(linear, Knowledge())
+        entries = {e.key: e for e in space.entries}
+        own = [k for k, key in enumerate(self.keys) if key in entries]
+        wanted = np.array([entries[self.keys[k]].unknown for k in own])
+        scale = np.array([entries[self.keys[k]].scale for k in own])
+        found = predict(space, measurement.conditions, space.given_unknowns(), budget=Budget(), free=wanted)
+        return found.slopes / scale @ self.root[own]
 
 
 def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:

@@ -136,9 +136,12 @@ def _settle(stage: Stage, allowance: float, starts: list[Start], hopeless: float
     them does not go on.
     """
     now = _round(stage, allowance, starts, stage.space.model, hopeless)
+    # What a calibration leaves open is felt otherwise where the fit ends.
+    felt_there = stage.measurement.calibration is None
     for _ in range(MOST_ROUNDS - 1):
-        if now.settled or not math.isfinite(now.best.cost):
+        if (now.settled and felt_there) or not math.isfinite(now.best.cost):
             break
+        felt_there = True
         now = _round(stage, now.misfit, now.starts, stage.space.model_at(now.best.point))._replace(
             first_cost=now.first_cost
         )

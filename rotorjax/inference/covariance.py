@@ -55,7 +55,9 @@ def anything_random(known: Knowledge, scatter: RunScatter) -> bool:
 
 
 class OfRuns(NamedTuple):
-    """What is random in every run: one unit of each of its independent parts does this to the vectors [m]."""
+    """What is random in every run, and what a calibration leaves open in all: one unit of each of its independent parts
+    does this to the vectors [m].
+    """
 
     measurement: Measurement
     columns: Float[np.ndarray, "case cell common"]
@@ -63,14 +65,16 @@ class OfRuns(NamedTuple):
     @classmethod
     def of(cls, measurement: Measurement, model: Model, scatter: RunScatter) -> "OfRuns":
         """**Arguments:** ``model``: where the sensitivity to unbalance and bow is taken."""
+        calibration = measurement.calibration
+        shared = [] if calibration is None else [calibration.columns(model, measurement)]
         cases, cells = len(measurement.run), 2 * measurement.vectors[0].size
         random = anything_random(measurement.knowledge, scatter)
         if not random or not np.any(factor := _scatter_factor(measurement, model, scatter)):
-            return cls(measurement, np.zeros((cases, cells, 0)))
+            return cls(measurement, np.concatenate([np.zeros((cases, cells, 0)), *shared], axis=2))
         slopes = fault_sensitivity(model, measurement.conditions).reshape(cases, cells, 4)
         by_run = np.zeros((cases, cells, len(measurement.runs), 4))
         by_run[np.arange(cases), :, measurement.run] = np.einsum("cmd,cdl->cml", slopes, factor[measurement.run])
-        return cls(measurement, by_run.reshape(cases, cells, -1))
+        return cls(measurement, np.concatenate([by_run.reshape(cases, cells, -1), *shared], axis=2))
 
     def with_form(self, allowance: float, *, form: bool = True) -> Float[np.ndarray, "case cell common"]:
         """In standard errors, with the error of the model's form. **Arguments:** ``allowance``: added to the table's
@@ -80,8 +84,6 @@ class OfRuns(NamedTuple):
         parts = [weight.reshape(*self.columns.shape[:2], 1) * self.columns]
         if form and self.measurement.knowledge.tolerance > 0.0:
             parts.append(_form_error(self.measurement, weight))
-        if self.measurement.shared_errors is not None:
-            parts.append((weight[..., None] * self.measurement.shared_errors).reshape(*self.columns.shape[:2], -1))
         common = np.concatenate(parts, axis=-1)
         return common[..., np.any(common != 0.0, axis=(0, 1))]
 
