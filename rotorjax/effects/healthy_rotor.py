@@ -23,13 +23,14 @@ from rotorjax.model.parameters import parameter
 
 
 class HealthyRotor(MatrixEffect):
-    """M, C and K of the healthy rotor at the disk, beside those of the rig file:
+    """What is added to M, C and K at the disk, all linear errors of structure at once:
 
-        D += (1 + e_s Ω²/ω_r²) ΔK + k J + ω_r/Ω-dependent and constant damping + damping that turns with the shaft
-             + iωΩ g J - ω² e_m M
+        M += e_m M
+        C += diag(c_i (d_i + f (ω_r/Ω - 1))) + c_r I + Ω g J
+        K += diag(k_i (e_i + h_i Ω²/ω_r²)) + κ [0 1; 1 0] + (k + c_r Ω) J
 
-    ω_r is the mean natural frequency. All linear effects of structure at once: a flexible shaft with mass, a tilting
-    disk, unequal bearings with damping in series answer at the disk nearly so, at speeds about one resonance.
+    ω_r is the mean natural frequency. A flexible shaft with mass, a tilting disk, unequal bearings with damping in
+    series answer at the disk nearly so, at speeds about one resonance.
     """
 
     name: ClassVar[str] = "healthy_rotor"
