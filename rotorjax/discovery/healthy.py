@@ -20,7 +20,7 @@ from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.driven_orders import undriven_orders, without_orders
 from rotorjax.discovery.fit import Fit, fit
 from rotorjax.effects import CATALOG
-from rotorjax.effects.healthy_rotor import HEALTHY
+from rotorjax.effects.healthy_rotor import HEALTHY, HealthyRotor
 from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.covariance import Noise, common_errors
@@ -37,6 +37,8 @@ TOLERANCES = np.geomspace(1e-5, 0.1, 17)
 """Each as probable beforehand: what is fitted to the healthy rotor leaves one of them."""
 MOST_LEFT = 0.3
 """Share of what was measured on the healthy rotor that may be left: beyond, its model is another."""
+MOST_OFF = 0.3
+"""Error of stiffness or mass of the rig file from which on the healthy table is not of this rotor."""
 OF_HEALTHY = frozenset({"stiffness_error", "damping_error", "mass_error"})
 """What the rig file may call uncertain, and a healthy rotor shows."""
 
@@ -94,7 +96,7 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
 
     **Arguments:** ``model`` as stated; ``healthy``: a measurement of the rotor in its healthy state, with the weights
     that were on it. **Errors.** `InputError` where more than 30 % of what was measured is left, so that what was
-    measured is not this rotor, and errors as for `fit`.
+    measured is not this rotor, or stiffness or mass are off by more than 30 %, and errors as for `fit`.
     """
     stated = paired(model, healthy)
     full = stated.plus(cls() for cls in HEALTHY.values())
@@ -109,6 +111,14 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
             "mass, damping, stiffness, unbalance and bow are: explain it first, and state in the rig file what it "
             "shows (weights, conventions, gains)"
         )
+    for name in ("stiffness_x", "stiffness_y", "mass"):
+        value = fitted.estimate(HealthyRotor.name, name).value
+        if abs(value) > MOST_OFF:
+            off = f"{name.replace('_', ' along ')} would be {100.0 * value:+.0f} % off the rig file"
+            raise InputError(
+                f"the measurement of the healthy rotor: its {off}: it is of another rotor, or in another unit or "
+                "convention than the rig file states"
+            )
     return Healthy(fitted.model, compare(stated, measured), view, fitted, _tolerance(fitted, measured))
 
 

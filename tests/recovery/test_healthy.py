@@ -136,6 +136,9 @@ def test_another_rotor_is_refused():
     exchanged = dataclasses.replace(healthy, vectors=healthy.vectors[::-1])
     with pytest.raises(InputError, match="explain it first"):
         calibrated(MODEL, exchanged)
+    doubled = dataclasses.replace(healthy, vectors=2.0 * healthy.vectors)
+    with pytest.raises(InputError, match="another unit or convention"):
+        calibrated(MODEL, doubled)
 
 
 @pytest.mark.parametrize(
