@@ -56,7 +56,13 @@ class Healthy(NamedTuple):
     """Of the model's form: what the fit leaves beyond the noise, relative to the size of the measured vector."""
 
     def beside(self, measurement: Measurement) -> Measurement:
-        """What was measured later, with the error that the calibration leaves in all its vectors, and its tolerance."""
+        """What was measured later, with the error that the calibration leaves in all its vectors, and its tolerance.
+
+        **Errors.** `InputError` where it is the measurement of the healthy rotor itself.
+        """
+        read = self.calibrated.measurement
+        if read.vectors.shape == measurement.vectors.shape and np.array_equal(read.vectors, measurement.vectors):
+            raise InputError("the measurement of the healthy rotor is the one looked at: give the table of another day")
         end = self.fit.end
         fitted = {e.unknown: e for e in self.fit.stage.space.entries if e.effect in HEALTHY}
         own = [k for k, unknown in enumerate(end.free) if unknown in fitted]

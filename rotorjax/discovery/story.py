@@ -97,13 +97,18 @@ class Story(Reported):
         if not self.changed:
             return self.lateral_declared
         damping = (e for e in self.fits[-1].estimates if e.entry.effect == DampingError.name and not e.determined)
-        found = lateral(self.final_model, self.measurement)
+        found = self._of(self.final_model)
         return found._replace(open_axes=frozenset(e.entry.label[-1] for e in damping))
 
     @functools.cached_property
     def lateral_declared(self) -> Lateral:
         """The same of the model as declared."""
-        return lateral(self.model, self.measurement)
+        return self._of(self.model)
+
+    def _of(self, model: Model) -> Lateral:
+        """Without stability where the model was calibrated: that leaves damping open away from the resonance."""
+        found = lateral(model, self.measurement)
+        return found if self.healthy is None else found._replace(stability=None)
 
     def noise_um(self) -> float | None:
         """Root mean square of pure noise, |z| over the cells [µm]; none where it is unknown."""

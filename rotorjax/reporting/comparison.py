@@ -308,7 +308,7 @@ def comparison_text(story: Story, convention: Convention | None = None, *, width
     """Everything that `rotorjax compare` prints. **Arguments:** ``convention`` of angles; ``width``: columns of the
     terminal, if it is one.
     """
-    parts: list[str | Table] = [measurement_line(story.measurement), *healthy_lines(story.healthy), verdict(story)]
+    parts: list[str | Table] = [measurement_line(story.measurement), *healthy_lines(story), verdict(story)]
     parts += _critical_speeds(story)
     parts += _comparison_tables(story, convention)
     parts += ["\n".join(f"- {line}" for line in findings(story))] if findings(story) else []
@@ -366,7 +366,7 @@ def comparison_page(
         title,
         headline,
         measurement_line(story.measurement),
-        [*healthy_lines(story.healthy), *findings(story)],
+        [*healthy_lines(story), *findings(story)],
         tables,
         Picture.every(pictures),
         [*where, shares],

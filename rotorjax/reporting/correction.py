@@ -12,6 +12,11 @@ from rotorjax.reporting.wording import said
 MOST_LEFT = 0.1
 """Share of what was measured that an answer which does not explain it leaves at most for a correction by it."""
 
+SINCE_HEALTHY = (
+    "No correction: the unbalance found has come since the rotor was healthy, beside what it had before; influence "
+    "coefficients (`rotorjax diagnose`), or an explanation without the healthy rotor, correct both."
+)
+
 
 def correction_lines(found: Explanation, rig: Rig | None) -> list[str]:
     """The corrections in sentences, where an unbalance was found."""
@@ -35,6 +40,12 @@ def balance_of(found: Explanation, rig: Rig | None) -> Balance:
     """What corrects the unbalance found, plane by plane; nothing without a rig."""
     if rig is None:
         return Balance()
+    if found.story.healthy is not None:
+        return Balance(why_none=SINCE_HEALTHY if "residual_unbalance" in found.named else "")
+    return _by_the_answer(found, rig)
+
+
+def _by_the_answer(found: Explanation, rig: Rig) -> Balance:
     story = found.story
     left = story.last.rms / story.measurement.rms if story.measurement.rms > 0.0 else 0.0
     if found.verdict == "unexplained" and not story.fits[-1].converged and "residual_unbalance" in found.named:

@@ -326,7 +326,7 @@ def explanation_text(found: Explanation, rig: Rig | None = None, *, width: int |
     """Everything that `rotorjax explain` prints. **Arguments:** ``rig``: for what would balance the rotor; ``width``:
     columns of the terminal, if it is one.
     """
-    parts: list[str | Table] = [measurement_line(found.story.declared.measurement), *healthy_lines(found.story.healthy)]
+    parts: list[str | Table] = [measurement_line(found.story.declared.measurement), *healthy_lines(found.story)]
     parts += [sentence(found)]
     parts += ["\n".join(f"- {line}" for line in notes(found))] if notes(found) else []
     parts += [*_critical_speeds(found), *correction_lines(found, rig)]
@@ -358,7 +358,7 @@ def explanation_page(
     top, tables = headline(found, first or [], rig), explanation_tables(found, rig)
     model = found.model.with_orders(story.measurement.orders)
     told_above, drawn = next_lines(found), Picture.every(pictures)
-    rest = healthy_lines(story.healthy) + [line for line in notes(found) if line not in told_above]
+    rest = healthy_lines(story) + [line for line in notes(found) if line not in told_above]
     speeds = story.measurement.speed_cluster()[1]
     if found.verdict != "unexplained":
         tables += [predicted_table(model, one, speeds) for one in balance_of(found, rig).corrections]

@@ -3,15 +3,18 @@
 from typing import Any
 
 from rotorjax.discovery.healthy import Healthy
+from rotorjax.discovery.story import Story
 from rotorjax.reporting.tables import Table, number
+from rotorjax.reporting.wording import listed
 from rotorjax.units import MICROMETRE
 
-TOO_MUCH = 1.5
-"""Reduced chi-square from which on the healthy rotor is said to show more than its calibrated model."""
+TOO_MUCH = 1.2
+"""Times the noise alone from which on the healthy rotor is said to show more than its calibrated model."""
 
 
-def healthy_lines(healthy: Healthy | None) -> list[str]:
+def healthy_lines(story: Story) -> list[str]:
     """What the calibration brought, and what it leaves."""
+    healthy = story.healthy
     if healthy is None:
         return []
     before, after = (number(view.rms / MICROMETRE) for view in (healthy.declared, healthy.calibrated))
@@ -24,7 +27,12 @@ def healthy_lines(healthy: Healthy | None) -> list[str]:
         f"once it is fitted to it{alone}. So calibrated it is the model as declared in all that "
         f"follows: what is found has changed since. Its form counts as right within {within} %."
     ]
-    if chi2 is not None and chi2 > TOO_MUCH:
+    lacking = [p for p in story.measurement.probes_read if p not in healthy.calibrated.measurement.probes_read]
+    lacking += [f"{n:g}X" for n in story.measurement.orders if n not in healthy.calibrated.measurement.orders]
+    if lacking:
+        lines.append(f"The healthy rotor was not read at {listed(lacking)}: there the model is not calibrated.")
+    more = noise is None or healthy.calibrated.rms > TOO_MUCH * noise
+    if more and chi2 is not None and chi2 > TOO_MUCH**2:
         lines.append(
             f"The healthy rotor shows more than that (reduced chi² {number(chi2)}): what that is "
             "may be taken for a change: explain that measurement first, and put into the rig file what is found."

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from rotorjax.data.rig_sections import Convention
 from rotorjax.discovery.fit import Fit
+from rotorjax.effects.healthy_rotor import HealthyRotor
 from rotorjax.inference.estimates import NORMAL_QUANTILE, Estimate
 from rotorjax.reporting.tables import number
 from rotorjax.reporting.wording import plain_name, with_error
@@ -187,7 +188,8 @@ def _shown(estimate: Estimate, fitted: Fit) -> Callable[[float, float], str]:
 def _declared_ratio(estimate: Estimate, fitted: Fit) -> float | None:
     """The declared damping ratio that a logarithm multiplies, if it is one."""
     declared = getattr(fitted.model.rotor, "damping_ratio", None)
-    if declared is None or estimate.entry.effect != "damping_error":
+    # A healthy rotor that was measured has another damping than declared.
+    if declared is None or estimate.entry.effect != "damping_error" or HealthyRotor.name in fitted.model:
         return None
     return float(np.asarray(declared)["xy".index(estimate.entry.parameter[-1])])
 

@@ -113,6 +113,8 @@ def test_what_has_changed_since_is_found(change, name):
     for estimate, value in zip(values, true, strict=True):
         assert abs(estimate.value - value) < 3.5 * estimate.standard_error
     text, content = explanation_text(found), explanation_json(found)
+    assert "nstable" not in text
+    assert "decrement" not in text.partition("Parameters")[0]
     assert "Healthy rotor, 72 vectors" in text
     assert content["healthy"]["rms_um"] < 0.4 < content["healthy"]["as_stated_rms_um"]
 
@@ -129,6 +131,15 @@ def test_compare_begins_with_the_healthy_rotor():
     assert story.fits[-1].reduced_chi2 < 1.5
     assert story.last.rms < 2.5 * SIGMA < 0.1 * story.declared.rms
     assert "calibrated" in comparison_text(story)
+
+
+def test_what_the_healthy_table_lacks_is_said():
+    healthy = measured(detailed(), 1)
+    one = dataclasses.replace(healthy, present=healthy.present & np.array([True, False])[:, None])
+    story = tell(MODEL, measured(detailed(), 2), [], healthy=one)
+    assert "not read at Y" in comparison_text(story)
+    with pytest.raises(InputError, match="another day"):
+        tell(MODEL, healthy, [], healthy=healthy)
 
 
 def test_another_rotor_is_refused():
