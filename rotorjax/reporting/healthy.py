@@ -4,6 +4,7 @@ from typing import Any
 
 from rotorjax.discovery.healthy import Healthy
 from rotorjax.discovery.story import Story
+from rotorjax.inference.estimates import NORMAL_QUANTILE
 from rotorjax.reporting.tables import Table, number
 from rotorjax.reporting.wording import listed
 from rotorjax.units import MICROMETRE
@@ -44,11 +45,18 @@ def healthy_table(healthy: Healthy | None) -> Table | None:
     """What was fitted to the healthy rotor."""
     if healthy is None:
         return None
-    rows = [
-        [e.entry.key, f"{number(e.value)} ± {number(1.96 * e.standard_error, 2)}", e.entry.unit.si]
-        for e in healthy.fit.estimates
-    ]
-    note = "Beside the values of the rig file; what these leave open counts as an error that all vectors share."
+    rows = []
+    determined = [e for e in healthy.fit.estimates if e.determined]
+    for e in determined:
+        unit, relative = e.entry.unit, e.entry.unit.si == "1"
+        by, shown = (100.0, "%") if relative else (1.0 / unit.factor, unit.shown)
+        rows.append(
+            [e.entry.key, f"{number(by * e.value)} ± {number(NORMAL_QUANTILE * by * e.standard_error, 2)}", shown]
+        )
+    note = (
+        "Beside the values of the rig file, which has them in SI; what these leave open counts as an error that all "
+        f"vectors share. {len(healthy.fit.estimates) - len(determined)} more are not determined by the healthy vectors."
+    )
     return Table("The model of the healthy rotor", ["in rig files", "value (95 % interval)", "unit"], rows, note)
 
 
