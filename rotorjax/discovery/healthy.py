@@ -2,9 +2,9 @@
 
 A real rotor is never a disk on a shaft: the shaft has mass, the disk tilts, bearings differ. What that does to the
 vectors is larger than many a fault, and the search would name it. `calibrated` fits mass, damping and stiffness at the
-disk, unbalance, bow and runout of its own (`rotorjax.effects.healthy_rotor`) to a
-measurement of the healthy rotor. What these values leave open is an error
-that all vectors measured later share; what they do not explain is the tolerance of the model's form.
+disk, unbalance, bow and runout of its own (`rotorjax.effects.healthy_rotor`) to a measurement of the healthy rotor.
+What these values leave open is an error that all vectors measured later share; what they do not explain is the
+tolerance of the model's form.
 """
 
 import dataclasses
@@ -17,7 +17,6 @@ from scipy.linalg import solve_triangular
 from rotorjax.data.measurement import Knowledge, Measurement
 from rotorjax.data.pairing import paired
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
-from rotorjax.discovery.driven_orders import undriven_orders, without_orders
 from rotorjax.discovery.fit import Fit, fit
 from rotorjax.effects import CATALOG
 from rotorjax.effects.healthy_rotor import HEALTHY, HealthyRotor
@@ -106,12 +105,11 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
     """
     stated = paired(model, healthy)
     full = stated.plus(cls() for cls in HEALTHY.values())
-    measured = without_orders(healthy, undriven_orders(full, healthy))
-    first = fit(full, _with_tolerance(measured, FIRST_TOLERANCE), free=HEALTHY, held_out=False)
-    fitted = fit(full, _with_tolerance(measured, _tolerance(first, measured)), free=HEALTHY, held_out=False)
+    first = fit(full, _with_tolerance(healthy, FIRST_TOLERANCE), free=HEALTHY, held_out=False)
+    fitted = fit(full, _with_tolerance(healthy, _tolerance(first, healthy)), free=HEALTHY, held_out=False)
     view = compare_vectors(fitted.predicted, fitted.stage.measurement, fitted.model)
-    if view.rms > MOST_LEFT * measured.rms:
-        share = 100.0 * view.rms / measured.rms
+    if view.rms > MOST_LEFT * healthy.rms:
+        share = 100.0 * view.rms / healthy.rms
         raise InputError(
             f"the measurement of the healthy rotor: {share:.0f} % of what was measured is left whatever "
             "mass, damping, stiffness, unbalance and bow are: explain it first, and state in the rig file what it "
@@ -125,7 +123,7 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
                 f"the measurement of the healthy rotor: its {off}: it is of another rotor, or in another unit or "
                 "convention than the rig file states"
             )
-    return Healthy(fitted.model, compare(stated, measured), view, fitted, _tolerance(fitted, measured))
+    return Healthy(fitted.model, compare(stated, healthy), view, fitted, _tolerance(fitted, healthy))
 
 
 def _with_tolerance(measurement: Measurement, tolerance: float) -> Measurement:

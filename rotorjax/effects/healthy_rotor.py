@@ -3,11 +3,21 @@
 from types import MappingProxyType
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
 from rotorjax.arrays import diagonal
+from rotorjax.effects.excitation import ResidualBow, ResidualUnbalance
+from rotorjax.effects.reading import Runout
+from rotorjax.effects.structure import (
+    CrossCoupling,
+    Gyroscopic,
+    InternalDamping,
+    MassError,
+    SpeedDependentDamping,
+    SpeedDependentStiffness,
+    StiffnessError,
+)
 from rotorjax.model.contract import (
     Effect,
     Excitation,
@@ -58,22 +68,19 @@ class HealthyRotor(MatrixEffect):
     )
 
     def matrices(self, point: OperatingPoint) -> Matrices:
-        rotor, speed = point.rotor, point.speed
-        growth = (speed / rotor.natural_frequency()) ** 2
-        falling = self.falling_damping * (rotor.natural_frequency() / speed - 1.0)
-        errors = jnp.stack(
-            [self.stiffness_x + growth * self.stiffening_x, self.stiffness_y + growth * self.stiffening_y]
-        )
-        both = self.stiffness_xy_n_per_m * jnp.array([[0.0, 1.0], [1.0, 0.0]])
-        across = self.cross_stiffness_n_per_m + speed * self.turning_damping_n_s_per_m
-        turning = self.turning_damping_n_s_per_m * jnp.eye(2) + speed * self.inertia_ratio_kg * point.whirl
-        return Matrices(
-            mass=self.mass * rotor.mass * jnp.eye(2),
-            damping=turning,
-            stiffness=across * point.whirl,
-            path_stiffness=diagonal(errors * rotor.stiffness) + both,
-            path_damping=diagonal((jnp.stack([self.damping_x, self.damping_y]) + falling) * rotor.damping),
-        )
+        damping = jnp.stack([self.damping_x, self.damping_y]) * point.rotor.damping
+        turned = self.stiffness_xy_n_per_m * jnp.array([[0.0, 1.0], [1.0, 0.0]])
+        parts = [
+            Matrices(path_damping=diagonal(damping), path_stiffness=turned),
+            StiffnessError(self.stiffness_x, self.stiffness_y).matrices(point),
+            SpeedDependentStiffness(self.stiffening_x, self.stiffening_y).matrices(point),
+            CrossCoupling(self.cross_stiffness_n_per_m).matrices(point),
+            SpeedDependentDamping(self.falling_damping).matrices(point),
+            InternalDamping(self.turning_damping_n_s_per_m).matrices(point),
+            MassError(self.mass).matrices(point),
+            Gyroscopic(self.inertia_ratio_kg).matrices(point),
+        ]
+        return Matrices(*(sum(each) for each in zip(*parts, strict=True)))
 
 
 class HealthyExcitation(ExcitationEffect):
@@ -94,14 +101,11 @@ class HealthyExcitation(ExcitationEffect):
     sag_across: Array = parameter("part of the weight across it", scale=0.05)
 
     def excitation(self, point: OperatingPoint) -> Excitation:
-        once, weight = point.at_order(1.0), point.rotor.mass * point.rotor.gravity
-        unbalance = jnp.stack([self.unbalance_x_kg_m, self.unbalance_y_kg_m])
-        bow = jnp.stack([self.bow_x_m, self.bow_y_m])
+        weight = point.rotor.mass * point.rotor.gravity
         sag = self.sag_along * weight + self.sag_across * jnp.stack([-weight[1], weight[0]])
-        return Excitation(
-            force=point.forward(once * point.speed**2 * unbalance) + point.at_order(0.0) * sag,
-            offset=point.forward(once * bow),
-        )
+        unbalance = ResidualUnbalance(self.unbalance_x_kg_m, self.unbalance_y_kg_m).excitation(point)
+        bow = ResidualBow(self.bow_x_m, self.bow_y_m).excitation(point)
+        return Excitation(force=unbalance.force + point.at_order(0.0) * sag, offset=bow.offset)
 
 
 class HealthyRunout(ReadingEffect):
@@ -116,8 +120,7 @@ class HealthyRunout(ReadingEffect):
     imaginary_m: Array = parameter("runout 90° ahead", scale=1.0, of="runout", axes=("probe", "order"))
 
     def reading(self, point: OperatingPoint) -> Reading:
-        here = point.order_index
-        return Reading(runout=jax.lax.complex(self.real_m[:, here], self.imaginary_m[:, here]))
+        return Runout(self.real_m, self.imaginary_m).reading(point)
 
 
 HEALTHY: MappingProxyType[str, type[Effect]] = MappingProxyType(

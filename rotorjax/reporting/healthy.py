@@ -6,7 +6,7 @@ from rotorjax.discovery.healthy import Healthy
 from rotorjax.discovery.story import Story
 from rotorjax.inference.estimates import NORMAL_QUANTILE
 from rotorjax.reporting.tables import Table, number
-from rotorjax.reporting.wording import listed
+from rotorjax.reporting.wording import listed, with_error
 from rotorjax.units import MICROMETRE
 
 TOO_MUCH = 1.2
@@ -50,9 +50,8 @@ def healthy_table(healthy: Healthy | None) -> Table | None:
     for e in determined:
         unit, relative = e.entry.unit, e.entry.unit.si == "1"
         by, shown = (100.0, "%") if relative else (1.0 / unit.factor, unit.shown)
-        rows.append(
-            [e.entry.key, f"{number(by * e.value)} ± {number(NORMAL_QUANTILE * by * e.standard_error, 2)}", shown]
-        )
+        error = NORMAL_QUANTILE * e.standard_error
+        rows.append([e.entry.key, with_error(by * e.value, by * error), shown])
     note = (
         "Beside the values of the rig file, which has them in SI; what these leave open counts as an error that all "
         f"vectors share. {len(healthy.fit.estimates) - len(determined)} more are not determined by the healthy vectors."
