@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rotorjax import Conditions, Jeffcott, Knowledge, Layout, Measurement, Model
-from rotorjax.data.measurement import Uncertain
+from rotorjax.data.knowledge import Uncertain
 
 import nonlinear_oracle as in_time
 from hidden import Machine

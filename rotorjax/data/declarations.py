@@ -11,7 +11,8 @@ import equinox as eqx
 import numpy as np
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import PEAK, Amplitude, Measurement, Uncertain, peak_of
+from rotorjax.data.knowledge import PEAK, Amplitude, Uncertain, peak_of
+from rotorjax.data.measurement import Measurement
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.model import Model
 from rotorjax.units import MILLIMETRE, RPM

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,22 +19,10 @@ from rotorjax.data.given_arrays import (
     checked_sigma,
     measured_cells,
 )
+from rotorjax.data.knowledge import Knowledge
 from rotorjax.model.conditions import Conditions, Layout
 from rotorjax.shown import Shown
 from rotorjax.units import DEGREE, MICROMETRE, RPM
-
-SLOW_ROLL_RPM = 250.0
-"""Speed of the slow roll where a rig file does not state it."""
-Amplitude = Literal["peak", "peak-to-peak", "rms"]
-"""How amplitudes are written in a table."""
-PEAK: dict[Amplitude, float] = {"peak": 1.0, "peak-to-peak": 0.5, "rms": 2.0**0.5}
-"""Zero-to-peak amplitude of a sine for one unit of what is written."""
-
-
-def peak_of(amplitude: Amplitude, order: float) -> float:
-    """Zero-to-peak amplitude for one unit of what is written: the rms value of a constant is the constant."""
-    return 1.0 if amplitude == "rms" and order == 0.0 else PEAK[amplitude]
-
 
 COLUMN = {"amplitude_um_0pk": "amplitude_um", "phase_lead_deg": "phase_deg"}
 """Columns of a data frame that state their convention -> those of a table, which a rig file states."""
@@ -69,60 +58,21 @@ class Row(NamedTuple):
     """Rate at which the speed changed."""
 
 
-class Uncertain(NamedTuple):
-    """A rig value that the user is unsure of, as a parameter of an effect.
-
-    ``deviation`` is the standard deviation of the parameter in SI, or of ln(1 + parameter) if ``logarithmic``.
-    Entries that share a ``group`` are one unknown.
-    """
-
-    effect: str
-    label: str
-    deviation: float
-    logarithmic: bool
-    group: str
-
-
-class Limits(NamedTuple):
-    """What a next measurement may be."""
-
-    speed_rpm: tuple[float, float] | None = None
-    amplitude_um: float | None = None
-    trial_weight_g_mm: float | None = None
-    operating_speed_rpm: tuple[float, float] | None = None
-    """Lowest and highest speed at which the machine runs: what separation margins refer to."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Knowledge:
-    """What the user has declared about the rig besides its numbers."""
-
-    uncertain: tuple[Uncertain, ...] = ()
-    installed_unbalance: float = 0.0
-    """Relative standard deviation of every installed unbalance; likewise `installed_bow`."""
-    installed_angle_rad: float = 0.0
-    installed_bow: float = 0.0
-    priors: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
-    """Effect -> parameter -> standard deviation in SI of a normal prior, instead of the declared one."""
-    tolerance: float = 0.0
-    run_scatter: Literal["auto", "none"] = "auto"
-    scatter_from_runs: int = 4
-    """Runs from which on scatter between them is inferred."""
-    limits: Limits = dataclasses.field(default_factory=Limits)
-    slow_roll_rpm: float = SLOW_ROLL_RPM
-    """Speed of the slow roll, were its vectors subtracted."""
-    amplitude: Amplitude | None = "peak"
-    """What the table's amplitudes are said to be; none where recordings were read, which no convention concerns."""
-    plane_radii_m: tuple[float | None, ...] = ()
-    """Radius at which weights sit in each balancing plane, where it is stated."""
-
-
 @runtime_checkable
-class SharedErrors(Protocol):
-    """Errors that all vectors of a measurement share."""
+class Calibration(Protocol):
+    """What a measurement of the healthy rotor says of vectors measured later."""
 
-    def columns(self, model: "Model", measurement: "Measurement") -> Float[np.ndarray, "case cell common"]:
-        """What one unit of each does to the vectors where a model is right [m]."""
+    tolerance_of_changes: float
+    """Of the model's form, relative to what has changed in a vector."""
+
+    def healthy(self, conditions: Conditions, orders: tuple[float, ...]) -> Complex[np.ndarray, "case probe order"]:
+        """What the healthy rotor would show [m]."""
+        ...
+
+    def columns(
+        self, model: "Model", conditions: Conditions, orders: tuple[float, ...]
+    ) -> Float[np.ndarray, "case cell common"]:
+        """What one unit of each error that all vectors share does to them where a model is right [m]."""
         ...
 
 
@@ -150,8 +100,7 @@ class Measurement(Shown):
     """Index of the run in which something may be other than stated: see `rotorjax.effects.of_one_run`."""
     doubted: Float[np.ndarray, "case probe order"] | None = None
     """Standard error of single readings that may be wrong, beside that of the table [m]; zero of all others."""
-    calibration: "SharedErrors | None" = None
-    """What a calibration on the healthy rotor leaves open: an error that all vectors share."""
+    calibration: "Calibration | None" = None
 
     @classmethod
     def from_arrays(  # noqa: PLR0913
@@ -278,15 +227,32 @@ class Measurement(Shown):
         """Cluster index of every case, and the mean speed of each cluster [rpm]."""
         return cluster_speeds(self.speed_rpm)
 
+    @cached_property
+    def form(self) -> Complex[np.ndarray, "case part order"]:
+        """`form_of` what was measured."""
+        return self.form_of(self.vectors, self.conditions)
+
+    def form_of(
+        self, vectors: Complex[np.ndarray, "case probe order"], conditions: Conditions
+    ) -> Complex[np.ndarray, "case part order"]:
+        """What relative errors of the model's form multiply [m]: the tolerance times the vectors of the probes, and
+        beside them, if the healthy rotor is known, the tolerance of changes times what has changed since.
+        """
+        parts = [self.knowledge.tolerance * vectors]
+        if self.calibration is not None:
+            change = np.where(vectors != 0.0, vectors - self.calibration.healthy(conditions, self.orders), 0.0)
+            parts.append(self.calibration.tolerance_of_changes * change)
+        return np.concatenate(parts, axis=1)
+
     def weights(self, allowance: float) -> Float[np.ndarray, "case probe order 2"]:
         """One over the standard error of real and imaginary part [1/m], zero where nothing was measured.
 
-        The variance is sigma² of the table, (tolerance times the size of the measured vector, both probes)², and
-        ``allowance``² [m], and of readings that may be wrong ``doubted``². At order 0 there is no imaginary part.
+        The variance is sigma² of the table, the size of `form`, all probes together, squared, and ``allowance``² [m],
+        and of readings that may be wrong ``doubted``². At order 0 there is no imaginary part.
         """
-        size = np.sqrt(np.sum(np.abs(self.vectors) ** 2, axis=1, keepdims=True))
+        size = np.sqrt(np.sum(np.abs(self.form) ** 2, axis=1, keepdims=True))
         given = np.zeros(self.vectors.shape) if self.sigma is None else self.sigma
-        variance = given**2 + (self.knowledge.tolerance * size) ** 2 + allowance**2
+        variance = given**2 + size**2 + allowance**2
         variance += 0.0 if self.doubted is None else self.doubted**2
         weight = np.where(self.present, 1.0 / np.sqrt(np.where(variance > 0.0, variance, np.inf)), 0.0)
         both = np.stack([weight, weight], axis=-1)

@@ -15,7 +15,8 @@ from jaxtyping import Float
 
 from rotorjax.arrays import as_array
 from rotorjax.data.declarations import KINDS, MIL, Mistake, Stated, beside_influence, with_installed
-from rotorjax.data.measurement import Measurement, Uncertain
+from rotorjax.data.knowledge import Uncertain
+from rotorjax.data.measurement import Measurement
 from rotorjax.effects.of_one_run import RUN_EFFECTS, RunAmplitude, RunBow, RunPhase, RunSpeed, RunUnbalance
 from rotorjax.effects.reading import ChainGain, PhaseReferenceOffset
 from rotorjax.model.conditions import Conditions

@@ -11,7 +11,8 @@ import tomlkit
 
 from rotorjax.data.declarations import Mistake
 from rotorjax.data.files import resolved, write_whole
-from rotorjax.data.measurement import PEAK, Installed, Knowledge, Measurement, Row, arrange
+from rotorjax.data.knowledge import PEAK, Knowledge
+from rotorjax.data.measurement import Installed, Measurement, Row, arrange
 from rotorjax.data.plausibility import doubts
 from rotorjax.data.rig_edits import put_right
 from rotorjax.data.rig_sections import (

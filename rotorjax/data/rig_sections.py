@@ -9,7 +9,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rotorjax.data.measurement import SLOW_ROLL_RPM, Amplitude, Installed, Limits, Row, Uncertain, peak_of
+from rotorjax.data.knowledge import SLOW_ROLL_RPM, Amplitude, Limits, Uncertain, peak_of
+from rotorjax.data.measurement import Installed, Row
 from rotorjax.data.names import unseen
 from rotorjax.data.section import Document, Section, nearest, shown
 from rotorjax.data.synonyms import nearest_effect

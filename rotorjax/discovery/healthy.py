@@ -8,24 +8,27 @@ tolerance of the model's form.
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from scipy.linalg import solve_triangular
 
-from rotorjax.data.measurement import Knowledge, Measurement
+from rotorjax.data.knowledge import Knowledge
+from rotorjax.data.measurement import Measurement
 from rotorjax.data.pairing import paired
 from rotorjax.discovery.compare import Comparison, compare, compare_vectors
 from rotorjax.discovery.fit import Fit, fit
 from rotorjax.effects import CATALOG
-from rotorjax.effects.healthy_rotor import HEALTHY, HealthyRotor
+from rotorjax.effects.healthy_rotor import HEALTHY, HealthyDetail, HealthyRotor
 from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.covariance import Noise, common_errors
 from rotorjax.inference.curvature import inverse
 from rotorjax.inference.prediction import predict
-from rotorjax.inference.space import make_space
+from rotorjax.inference.space import Space, make_space, values_of
+from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import AbstractRotor
 from rotorjax.model.model import Model
 from rotorjax.physics.steady_state import without_coupling
@@ -53,9 +56,13 @@ class Healthy(NamedTuple):
     fit: Fit
     tolerance: float
     """Of the model's form: what the fit leaves beyond the noise, relative to the size of the measured vector."""
+    tolerance_of_changes: float
+    """The same of a disk on a shaft alone: the detail that it lacks is known of the healthy rotor only, not of what has
+    changed.
+    """
 
     def beside(self, measurement: Measurement) -> Measurement:
-        """What was measured later, with the error that the calibration leaves in all its vectors, and its tolerance.
+        """What was measured later, with the error that the calibration leaves in all its vectors, and the tolerances.
 
         **Errors.** `InputError` where it is the measurement of the healthy rotor itself.
         """
@@ -67,37 +74,60 @@ class Healthy(NamedTuple):
         own = [k for k, unknown in enumerate(end.free) if unknown in fitted]
         entries = [fitted[unknown] for unknown in end.free[own]]
         root = np.linalg.cholesky(inverse(end.curvature)[np.ix_(own, own)])
-        left = LeftOpen(tuple(e.key for e in entries), np.array([e.scale for e in entries])[:, None] * root)
+        left = LeftOpen(
+            self.model, self.tolerance_of_changes, tuple(e.key for e in entries),
+            np.array([e.scale for e in entries])[:, None] * root,
+        )  # fmt: skip
         return dataclasses.replace(_with_tolerance(measurement, self.tolerance), calibration=left)
 
 
-class LeftOpen(NamedTuple):
-    """What a calibration leaves open of the parameters that it fitted."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class LeftOpen:
+    """The healthy rotor, and what its calibration leaves open of the parameters that it fitted."""
 
+    model: Model
+    tolerance_of_changes: float
     keys: tuple[str, ...]
-    """Effect and label of each."""
+    """Effect and label of each parameter."""
     root: Float[np.ndarray, "own common"]
     """L, their posterior covariance being L Lᵀ [SI]."""
+    _spaces: dict[Any, Space] = dataclasses.field(default_factory=dict, init=False, repr=False)
 
-    def columns(self, model: Model, measurement: Measurement) -> Float[np.ndarray, "case cell common"]:
+    def healthy(self, conditions: Conditions, orders: tuple[float, ...]) -> Complex[np.ndarray, "case probe order"]:
+        """What the healthy rotor would show [m], zero where it has no steady motion."""
+        space = make_space(self.model.with_orders(orders), Knowledge())
+        return np.nan_to_num(predict(space, conditions, space.given_unknowns(), budget=Budget()).shown)
+
+    def columns(
+        self, model: Model, conditions: Conditions, orders: tuple[float, ...]
+    ) -> Float[np.ndarray, "case cell common"]:
         """J L, J the slopes of the vectors by these parameters where a model is right, without its nonlinear forces."""
-        linear = without_coupling(model.with_orders(measurement.orders)).with_null_effects(CATALOG.values())
-        space = make_space(linear, Knowledge())
+        linear = without_coupling(model.with_orders(orders)).with_null_effects(CATALOG.values())
+        space = self._space(linear)
         entries = {e.key: e for e in space.entries}
         own = [k for k, key in enumerate(self.keys) if key in entries]
         wanted = np.array([entries[self.keys[k]].unknown for k in own])
-        scale = np.array([entries[self.keys[k]].scale for k in own])
-        found = predict(space, measurement.conditions, space.given_unknowns(), budget=Budget(), free=wanted)
-        return found.slopes / scale @ self.root[own]
+        scale = np.asarray(space.scale)
+        found = predict(space, conditions, values_of(linear) / scale, budget=Budget(), free=wanted)
+        return found.slopes / scale[wanted] @ self.root[own]
+
+    def _space(self, model: Model) -> Space:
+        """The space of a model, kept for all that differ from it in the values of their effects only."""
+        others = jax.tree.leaves(dataclasses.replace(model, effects=()))
+        key = (jax.tree.structure(model), *(np.asarray(value).tobytes() for value in others))
+        if key not in self._spaces:
+            self._spaces[key] = make_space(model, Knowledge())
+        return self._spaces[key]
 
 
 def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
     """Fit a model to a measurement of the healthy rotor: mass, damping and stiffness at the disk, its own unbalance,
     bow and runout.
 
-    It is fitted twice: with a first tolerance of the model's form, and with the one that its residual asks for, the
-    root mean square over tolerances from 1e-5 to 0.1, each as probable beforehand, by their evidence. What the rig file
-    calls uncertain of mass, damping and stiffness is fitted here, and is not uncertain later.
+    The tolerance of the model's form is the one that its residual asks for, the root mean square over tolerances from
+    1e-5 to 0.1, each as probable beforehand, by their evidence; the model is fitted anew with it. Without what a disk
+    on a shaft does not have (`HealthyDetail`), the same gives the tolerance of changes. What the rig file calls
+    uncertain of mass, damping and stiffness is fitted here, and is not uncertain later.
 
     **Arguments:** ``model`` as stated; ``healthy``: a measurement of the rotor in its healthy state, with the weights
     that were on it. **Errors.** `InputError` where more than 30 % of what was measured is left, so that what was
@@ -105,8 +135,9 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
     """
     stated = paired(model, healthy)
     full = stated.plus(cls() for cls in HEALTHY.values())
-    first = fit(full, _with_tolerance(healthy, FIRST_TOLERANCE), free=HEALTHY, held_out=False)
-    fitted = fit(full, _with_tolerance(healthy, _tolerance(first, healthy)), free=HEALTHY, held_out=False)
+    plain = tuple(name for name in HEALTHY if name != HealthyDetail.name)
+    _, of_changes = _fitted(full, healthy, plain)
+    fitted, tolerance = _fitted(full, healthy, tuple(HEALTHY))
     view = compare_vectors(fitted.predicted, fitted.stage.measurement, fitted.model)
     if view.rms > MOST_LEFT * healthy.rms:
         share = 100.0 * view.rms / healthy.rms
@@ -123,7 +154,14 @@ def calibrated(model: Model | AbstractRotor, healthy: Measurement) -> Healthy:
                 f"the measurement of the healthy rotor: its {off}: it is of another rotor, or in another unit or "
                 "convention than the rig file states"
             )
-    return Healthy(fitted.model, compare(stated, healthy), view, fitted, _tolerance(fitted, healthy))
+    return Healthy(fitted.model, compare(stated, healthy), view, fitted, tolerance, max(of_changes, tolerance))
+
+
+def _fitted(full: Model, healthy: Measurement, free: tuple[str, ...]) -> tuple[Fit, float]:
+    """A fit under the tolerance that its residual asks for, and that of its own residual."""
+    first = fit(full, _with_tolerance(healthy, FIRST_TOLERANCE), free=free, held_out=False)
+    fitted = fit(full, _with_tolerance(healthy, _tolerance(first, healthy)), free=free, held_out=False)
+    return fitted, _tolerance(fitted, healthy)
 
 
 def _with_tolerance(measurement: Measurement, tolerance: float) -> Measurement:

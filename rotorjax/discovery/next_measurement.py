@@ -84,10 +84,10 @@ def next_measurement(
 ) -> Proposal | None:
     """The run and the speeds at which two fitted explanations differ most: as few readings as settle the tie.
 
-    The difference counts in standard errors, for all readings together: of noise, of what the parameters of both leave
-    open, of the model's form (`tolerance`) and of what is random in a run. Near a resonance of either nothing is
-    proposed: there the model's own error rules. Probes that were never read are asked for only where the others would
-    not settle it. None if no readings within the limits would tell.
+    The difference counts in standard errors, for all readings together: of noise, of what the parameters of both and a
+    calibration on the healthy rotor leave open, of the model's form (`Measurement.form`) and of what is random in a
+    run. Near a resonance of either nothing is proposed: there the model's own error rules. Probes that were never read
+    are asked for only where the others would not settle it. None if no readings within the limits would tell.
     """
     m, proposals = contest.measurement, []
     low, high = m.knowledge.limits.speed_rpm or (LOWEST * m.speed_rpm.min(), m.speed_rpm.max())
@@ -122,6 +122,8 @@ class _Compared(NamedTuple):
 
     contest: Contest
     shown: tuple[Complex[np.ndarray, "case probe order"], Complex[np.ndarray, "case probe order"]]
+    form: Complex[np.ndarray, "case part order"]
+    """What errors of the model's form multiply (`Measurement.form`)."""
     spread: Float[np.ndarray, "case cell error"]
     allowed: Bool[np.ndarray, "case"]
 
@@ -145,38 +147,42 @@ class _Compared(NamedTuple):
         model = contest.space.model_at(ends[0].point)
         random = fault_sensitivity(model, conditions).reshape(count, -1, 4) @ run.random
         m, limits = contest.measurement, contest.measurement.knowledge.limits
+        left_open = [] if m.calibration is None else [m.calibration.columns(model, conditions, m.orders)]
         largest = max(float(np.abs(m.vectors).max()), MICROMETRE) * 3.0
         most = largest if limits.amplitude_um is None else limits.amplitude_um * MICROMETRE
         # Where a force is nonlinear there may be no steady state to compute.
         allowed = clear & known & np.all([np.abs(z).reshape(count, -1).max(axis=1) <= most for z in shown], axis=0)
-        return cls(contest, (shown[0], shown[1]), np.concatenate([*spread, random], axis=2), allowed)
+        form = m.form_of(0.5 * (shown[0] + shown[1]), conditions)
+        common = np.concatenate([*spread, random, *left_open], axis=2)
+        return cls(contest, (shown[0], shown[1]), form, common, allowed)
 
     def read_by(self, noise: Noise, probes: tuple[str, ...]) -> Differences:
         """As some of the probes would read it. Half orders do not count: they have no sign to be compared."""
         m = self.contest.measurement
         read = np.array([probe in probes for probe in m.probes])
-        middle = np.where(read[:, None], 0.5 * (self.shown[0] + self.shown[1]), 0.0)
+        form = np.where(np.resize(read, self.form.shape[1])[:, None], self.form, 0.0)
         given = 0.0 if m.sigma is None else float(np.median(m.sigma[m.present]))
         # As in `rotorjax.inference.covariance`: noise of every vector, half of ε alike at all speeds, and half at
         # neighbouring ones, which counts as noise here.
-        form = m.knowledge.tolerance * np.sqrt(np.sum(np.abs(middle) ** 2, axis=1, keepdims=True))
-        variance = np.maximum(given, LEAST_NOISE) ** 2 + noise.allowance**2 + 1.5 * form**2
-        sigma = np.repeat(np.broadcast_to(np.sqrt(variance), middle.shape).reshape(len(middle), -1), 2, axis=1)
-        apart = numpy_pair(self.shown[0] - self.shown[1]).reshape(len(middle), -1)
-        alike = math.sqrt(0.5) * m.knowledge.tolerance * form_errors(middle)
+        size = np.sqrt(np.sum(np.abs(form) ** 2, axis=1, keepdims=True))
+        variance = np.maximum(given, LEAST_NOISE) ** 2 + noise.allowance**2 + 1.5 * size**2
+        shape = self.shown[0].shape
+        sigma = np.repeat(np.broadcast_to(np.sqrt(variance), shape).reshape(len(form), -1), 2, axis=1)
+        apart = numpy_pair(self.shown[0] - self.shown[1]).reshape(len(form), -1)
+        alike = math.sqrt(0.5) * form_errors(form, shape[1])
         cells = np.repeat([r and not is_half_order(n) for r in read for n in m.orders], 2)
         common = np.concatenate([self.spread, alike], axis=2) / sigma[:, :, None]
         return Differences((apart / sigma)[:, cells], common[:, cells], self.allowed)
 
 
-def form_errors(vectors: Complex[np.ndarray, "case probe order"]) -> Float[np.ndarray, "case cell error"]:
-    """What relative errors of the model's form do to all vectors: z becomes z + ε z at each order, ε the same at all
-    speeds; one unit of real and imaginary part of each of its entries.
+def form_errors(form: Complex[np.ndarray, "case part order"], probes: int) -> Float[np.ndarray, "case cell error"]:
+    """What relative errors of the model's form do to the vectors of the probes: what they multiply is added to these,
+    z + ε f at each order, ε the same at all speeds; one unit of real and imaginary part of each of its entries.
     """
-    cases, probes, orders = vectors.shape
-    moved = np.zeros((cases, probes, orders, probes, probes, orders, 2), complex)
-    for p, q, n in np.ndindex(probes, probes, orders):
-        moved[:, p, n, p, q, n] = vectors[:, q, n, None] * np.array([1.0, 1j])
+    cases, parts, orders = form.shape
+    moved = np.zeros((cases, probes, orders, probes, parts, orders, 2), complex)
+    for p, q, n in np.ndindex(probes, parts, orders):
+        moved[:, p, n, p, q, n] = form[:, q, n, None] * np.array([1.0, 1j])
     return np.moveaxis(numpy_pair(moved), -1, 3).reshape(cases, 2 * probes * orders, -1)
 
 

@@ -33,14 +33,11 @@ from rotorjax.model.parameters import parameter
 
 
 class HealthyRotor(MatrixEffect):
-    """What is added to M, C and K at the disk, all linear errors of structure at once:
+    """What is added to M, C and K of a disk on a shaft:
 
-        M += e_m M
-        C += diag(c_i (d_i + f (ω_r/Ω - 1))) + c_r I + Ω g J
-        K += diag(k_i (e_i + h_i Ω²/ω_r²)) + κ [0 1; 1 0] + (k + c_r Ω) J
-
-    ω_r is the mean natural frequency. A flexible shaft with mass, a tilting disk, unequal bearings with damping in
-    series answer at the disk nearly so, at speeds about one resonance.
+    M += e_m M
+    C += diag(c_i d_i)
+    K += diag(k_i e_i) + κ [0 1; 1 0]
     """
 
     name: ClassVar[str] = "healthy_rotor"
@@ -49,19 +46,13 @@ class HealthyRotor(MatrixEffect):
     source: ClassVar[str] = (
         "Friswell, Mottershead, Finite Element Model Updating in Structural Dynamics, Kluwer 1995, chapter 8"
     )
-    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "damping_error", "mass_error", "gyroscopic")
+    relatives: ClassVar[tuple[str, ...]] = ("stiffness_error", "damping_error", "mass_error")
     stiffness_x: Array = parameter("relative error of the stiffness along x", scale=0.05)
     stiffness_y: Array = parameter("relative error of the stiffness along y", scale=0.05)
     stiffness_xy_n_per_m: Array = parameter("symmetric stiffness between x and y", scale=0.02, of="stiffness")
-    cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
-    stiffening_x: Array = parameter("relative growth of the stiffness along x at the natural frequency", scale=0.1)
-    stiffening_y: Array = parameter("relative growth of the stiffness along y at the natural frequency", scale=0.1)
     damping_x: Array = parameter("relative error of the damping along x", scale=0.5)
     damping_y: Array = parameter("relative error of the damping along y", scale=0.5)
-    falling_damping: Array = parameter("part of the damping at the natural frequency that falls with speed", scale=0.5)
-    turning_damping_n_s_per_m: Array = parameter("damping that turns with the shaft", scale=1.0, of="damping")
     mass: Array = parameter("relative error of the mass", scale=0.05)
-    inertia_ratio_kg: Array = parameter("polar moment of inertia times (slope / deflection)²", scale=0.05, of="mass")
     starts: ClassVar[tuple[dict[str, float], ...]] = (
         {},
         *({"stiffness_x": off, "stiffness_y": off} for off in (1.0, -1.0, 2.0, -2.0)),
@@ -70,17 +61,49 @@ class HealthyRotor(MatrixEffect):
     def matrices(self, point: OperatingPoint) -> Matrices:
         damping = jnp.stack([self.damping_x, self.damping_y]) * point.rotor.damping
         turned = self.stiffness_xy_n_per_m * jnp.array([[0.0, 1.0], [1.0, 0.0]])
-        parts = [
+        return _sum_of(
             Matrices(path_damping=diagonal(damping), path_stiffness=turned),
             StiffnessError(self.stiffness_x, self.stiffness_y).matrices(point),
+            MassError(self.mass).matrices(point),
+        )
+
+
+class HealthyDetail(MatrixEffect):
+    """What a disk on a shaft does not have, all at once:
+
+        C += diag(c_i f (ω_r/Ω - 1)) + c_r I + Ω g J
+        K += diag(k_i h_i Ω²/ω_r²) + (k + c_r Ω) J
+
+    ω_r is the mean natural frequency. With it the model answers nearly as a flexible shaft with mass, a tilting disk,
+    unequal bearings with damping in series do at the disk, at speeds about one resonance.
+    """
+
+    name: ClassVar[str] = "healthy_detail"
+    family: ClassVar[Family] = "structure"
+    meaning: ClassVar[str] = "what the healthy rotor has and a disk on a shaft does not, as its speed shows it"
+    source: ClassVar[str] = (
+        "Friswell, Mottershead, Finite Element Model Updating in Structural Dynamics, Kluwer 1995, chapter 8"
+    )
+    relatives: ClassVar[tuple[str, ...]] = ("gyroscopic", "cross_coupling", "internal_damping")
+    cross_stiffness_n_per_m: Array = parameter("cross-coupled stiffness k", scale=0.02, of="stiffness")
+    stiffening_x: Array = parameter("relative growth of the stiffness along x at the natural frequency", scale=0.1)
+    stiffening_y: Array = parameter("relative growth of the stiffness along y at the natural frequency", scale=0.1)
+    falling_damping: Array = parameter("part of the damping at the natural frequency that falls with speed", scale=0.5)
+    turning_damping_n_s_per_m: Array = parameter("damping that turns with the shaft", scale=1.0, of="damping")
+    inertia_ratio_kg: Array = parameter("polar moment of inertia times (slope / deflection)²", scale=0.05, of="mass")
+
+    def matrices(self, point: OperatingPoint) -> Matrices:
+        return _sum_of(
             SpeedDependentStiffness(self.stiffening_x, self.stiffening_y).matrices(point),
             CrossCoupling(self.cross_stiffness_n_per_m).matrices(point),
             SpeedDependentDamping(self.falling_damping).matrices(point),
             InternalDamping(self.turning_damping_n_s_per_m).matrices(point),
-            MassError(self.mass).matrices(point),
             Gyroscopic(self.inertia_ratio_kg).matrices(point),
-        ]
-        return Matrices(*(sum(each) for each in zip(*parts, strict=True)))
+        )
+
+
+def _sum_of(*parts: Matrices) -> Matrices:
+    return Matrices(*(sum(each) for each in zip(*parts, strict=True)))
 
 
 class HealthyExcitation(ExcitationEffect):
@@ -124,6 +147,6 @@ class HealthyRunout(ReadingEffect):
 
 
 HEALTHY: MappingProxyType[str, type[Effect]] = MappingProxyType(
-    {cls.name: cls for cls in (HealthyRotor, HealthyExcitation, HealthyRunout)}
+    {cls.name: cls for cls in (HealthyRotor, HealthyDetail, HealthyExcitation, HealthyRunout)}
 )
 """Name -> class: what the model of a healthy rotor has beside the effects that the rig file states."""

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from rotorjax.arrays import numpy_pair
-from rotorjax.data.measurement import Knowledge, Measurement
+from rotorjax.data.knowledge import Knowledge
+from rotorjax.data.measurement import Measurement
 from rotorjax.inference.faults import fault_sensitivity, installed_faults, polar_covariance
 from rotorjax.model.model import Model
 from rotorjax.units import GRAM_MILLIMETRE, MICROMETRE
@@ -66,15 +67,17 @@ class OfRuns(NamedTuple):
     def of(cls, measurement: Measurement, model: Model, scatter: RunScatter) -> "OfRuns":
         """**Arguments:** ``model``: where the sensitivity to unbalance and bow is taken."""
         calibration = measurement.calibration
-        shared = [] if calibration is None else [calibration.columns(model, measurement)]
+        left_open = (
+            [] if calibration is None else [calibration.columns(model, measurement.conditions, measurement.orders)]
+        )
         cases, cells = len(measurement.run), 2 * measurement.vectors[0].size
         random = anything_random(measurement.knowledge, scatter)
         if not random or not np.any(factor := _scatter_factor(measurement, model, scatter)):
-            return cls(measurement, np.concatenate([np.zeros((cases, cells, 0)), *shared], axis=2))
+            return cls(measurement, np.concatenate([np.zeros((cases, cells, 0)), *left_open], axis=2))
         slopes = fault_sensitivity(model, measurement.conditions).reshape(cases, cells, 4)
         by_run = np.zeros((cases, cells, len(measurement.runs), 4))
         by_run[np.arange(cases), :, measurement.run] = np.einsum("cmd,cdl->cml", slopes, factor[measurement.run])
-        return cls(measurement, np.concatenate([by_run.reshape(cases, cells, -1), *shared], axis=2))
+        return cls(measurement, np.concatenate([by_run.reshape(cases, cells, -1), *left_open], axis=2))
 
     def with_form(self, allowance: float, *, form: bool = True) -> Float[np.ndarray, "case cell common"]:
         """In standard errors, with the error of the model's form. **Arguments:** ``allowance``: added to the table's
@@ -127,14 +130,15 @@ def _form_error(
     The entries of the matrix ε(Ω) are complex Gaussian processes of the logarithm of the speed, the same in all runs:
     ``tolerance`` is the standard deviation of real and imaginary part, ½ + ½ exp(-½ (Δ ln Ω / `ALIKE`)²) their
     correlation. A rotor with more detail answers all runs alike by another response, which differs little from that of
-    the model and smoothly over speed (Kennedy, O'Hagan 2001, J. R. Stat. Soc. B 63:425-464: model discrepancy).
+    the model and smoothly over speed (Kennedy, O'Hagan 2001, J. R. Stat. Soc. B 63:425-464: model discrepancy). Where
+    the healthy rotor is known, what has changed since has an ε of its own (`Measurement.form`).
     """
     apart = np.subtract.outer(np.log(measurement.speed_rpm), np.log(measurement.speed_rpm)) / ALIKE
-    kernel = 0.5 * measurement.knowledge.tolerance**2 * (1.0 + np.exp(-0.5 * apart**2))
+    kernel = 0.5 * (1.0 + np.exp(-0.5 * apart**2))
     parts = []
     for order in range(weight.shape[2]):
-        vectors = measurement.vectors[:, :, order]
-        both = kernel * (vectors @ vectors.conj().T)
+        form = measurement.form[:, :, order]
+        both = kernel * (form @ form.conj().T)
         for probe in range(weight.shape[1]):
             parts.append(_root(both, weight[:, probe, order], weight.shape, (probe, order)))
     return np.concatenate(parts, axis=-1)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import Knowledge
+from rotorjax.data.knowledge import Knowledge
 from rotorjax.effects import CATALOG
 from rotorjax.effects.terms import TERMS
 from rotorjax.inference.kernels import Kernels, Rows

@@ -17,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float, Int
 
 from rotorjax.arrays import as_array
-from rotorjax.data.measurement import Knowledge, Uncertain
+from rotorjax.data.knowledge import Knowledge, Uncertain
 from rotorjax.effects.of_one_run import OfOneRun
 from rotorjax.model.contract import Effect, RestoringEffect, SweepEffect, WaveformEffect
 from rotorjax.model.model import Model

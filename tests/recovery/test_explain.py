@@ -22,7 +22,7 @@ from rotorjax import (
     explain,
     response,
 )
-from rotorjax.data.measurement import Uncertain
+from rotorjax.data.knowledge import Uncertain
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.held_out import HeldOut
 from rotorjax.discovery.next_measurement import next_measurement

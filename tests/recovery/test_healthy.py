@@ -30,7 +30,7 @@ from rotorjax import (
 )
 from rotorjax.batch.explaining import Task, explain_case
 from rotorjax.cli import main
-from rotorjax.effects.healthy_rotor import HealthyExcitation, HealthyRotor, HealthyRunout
+from rotorjax.effects.healthy_rotor import HealthyDetail, HealthyExcitation, HealthyRotor, HealthyRunout
 from rotorjax.reporting.comparison import comparison_text
 from rotorjax.reporting.explanation import explanation_text
 from rotorjax.reporting.explanation_json import explanation_json
@@ -94,7 +94,9 @@ def test_what_the_calibration_leaves_open_is_as_large_as_said():
         assert beside.calibration is not None
         error = np.asarray(response(found.model, later.conditions)) - detailed()
         pairs = np.stack([error.real, error.imag], axis=-1).ravel() / SIGMA
-        columns = beside.calibration.columns(found.model, later).reshape(len(pairs), -1) / SIGMA
+        columns = (
+            beside.calibration.columns(found.model, later.conditions, later.orders).reshape(len(pairs), -1) / SIGMA
+        )
         # Along the directions that the data determine: the others have the prior's width.
         directions, sizes, _ = np.linalg.svd(columns, full_matrices=False)
         counted.append(np.mean((directions.T @ pairs / np.hypot(sizes, 0.05))[:6] ** 2))
@@ -156,13 +158,13 @@ def test_another_rotor_is_refused():
     ("part", "same"),
     [
         (HealthyRotor(stiffness_x=0.1, stiffness_y=-0.05), effects.StiffnessError(0.1, -0.05)),
-        (HealthyRotor(stiffening_x=0.1, stiffening_y=-0.05), effects.SpeedDependentStiffness(0.1, -0.05)),
-        (HealthyRotor(cross_stiffness_n_per_m=900.0), effects.CrossCoupling(900.0)),
+        (HealthyDetail(stiffening_x=0.1, stiffening_y=-0.05), effects.SpeedDependentStiffness(0.1, -0.05)),
+        (HealthyDetail(cross_stiffness_n_per_m=900.0), effects.CrossCoupling(900.0)),
         (HealthyRotor(damping_x=0.3, damping_y=-0.2), effects.DampingError(np.log(1.3), np.log(0.8))),
-        (HealthyRotor(falling_damping=0.3), effects.SpeedDependentDamping(0.3)),
-        (HealthyRotor(turning_damping_n_s_per_m=5.0), effects.InternalDamping(5.0)),
+        (HealthyDetail(falling_damping=0.3), effects.SpeedDependentDamping(0.3)),
+        (HealthyDetail(turning_damping_n_s_per_m=5.0), effects.InternalDamping(5.0)),
         (HealthyRotor(mass=0.1), effects.MassError(0.1)),
-        (HealthyRotor(inertia_ratio_kg=0.1), effects.Gyroscopic(0.1)),
+        (HealthyDetail(inertia_ratio_kg=0.1), effects.Gyroscopic(0.1)),
         (HealthyExcitation(unbalance_x_kg_m=1e-6, unbalance_y_kg_m=2e-6), effects.ResidualUnbalance(1e-6, 2e-6)),
         (HealthyExcitation(bow_x_m=1e-6, bow_y_m=2e-6), effects.ResidualBow(1e-6, 2e-6)),
         (HealthyRunout(real_m=[[1e-6], [2e-6]]), effects.Runout([[1e-6], [2e-6]])),

@@ -11,7 +11,7 @@ import pytest
 from jax import Array
 
 from rotorjax import Jeffcott, Knowledge, Layout, Measurement, Model, effects, explain, parameter
-from rotorjax.data.measurement import Uncertain
+from rotorjax.data.knowledge import Uncertain
 from rotorjax.effects import CATALOG
 from rotorjax.model.contract import Family, Instant, RestoringEffect
 from rotorjax.reporting.explanation import notes, sentence

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from rotorjax import Jeffcott, Layout, Model, effects
-from rotorjax.data.measurement import Knowledge
+from rotorjax.data.knowledge import Knowledge
 from rotorjax.effects import CATALOG
 from rotorjax.inference.descent import End, Local
 from rotorjax.inference.evidence import ACROSS, STEP, factors, log_evidence

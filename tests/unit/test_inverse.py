@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Knowledge, Measurement, Model, diagnose, response
-from rotorjax.data.measurement import Limits, Uncertain
+from rotorjax.data.knowledge import Limits, Uncertain
 
 FAULTS = {"a": (6e-6, 0.3e-6, 1e-4, -2e-4), "b": (-3e-6, 8e-6, 1e-4, -2e-4)}
 

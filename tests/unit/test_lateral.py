@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Measurement, Model, effects
-from rotorjax.data.measurement import Knowledge, Limits
+from rotorjax.data.knowledge import Knowledge, Limits
 from rotorjax.diagnosis.critical_speeds import CriticalSpeed
 from rotorjax.diagnosis.lateral import SeparationMargin, SpeedRange, lateral
 

@@ -11,7 +11,7 @@ import pytest
 
 from rotorjax import Conditions, Jeffcott, Model, effects, response
 from rotorjax.arrays import real_pair
-from rotorjax.data.measurement import Knowledge
+from rotorjax.data.knowledge import Knowledge
 from rotorjax.discovery import bootstrap
 from rotorjax.discovery.common_noise import settle
 from rotorjax.discovery.contest import make_contest

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotorjax import Conditions, Jeffcott, Measurement, Model, effects, explain, response
-from rotorjax.data.measurement import Limits
+from rotorjax.data.knowledge import Limits
 from rotorjax.discovery.next_measurement import (
     MOST_READINGS,
     SETTLES,
@@ -73,7 +73,7 @@ def test_relative_errors_of_the_models_form_move_vectors_as_a_matrix_does(rng):
     epsilon = unit[..., 0] + 1j * unit[..., 1]
     moved = np.einsum("pqn,cqn->cpn", epsilon, z)
     expected = np.stack([moved.real, moved.imag], axis=-1).reshape(5, -1)
-    assert np.allclose(form_errors(z) @ unit.ravel(), expected)
+    assert np.allclose(form_errors(z, z.shape[1]) @ unit.ravel(), expected)
 
 
 def test_what_may_be_missing_is_looked_for():

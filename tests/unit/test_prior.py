@@ -9,7 +9,7 @@ from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal
 
 from rotorjax import Jeffcott, Model, effects
-from rotorjax.data.measurement import Knowledge
+from rotorjax.data.knowledge import Knowledge
 from rotorjax.inference.prior import prior_at
 from rotorjax.inference.space import make_space
 from rotorjax.model.parameters import parameter
