@@ -1,4 +1,4 @@
-"""Which recordings a rig file names, read without a word about anything else in it."""
+"""Which recordings and which healthy table a rig file names, read without a word about anything else in it."""
 
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,13 @@ def recordings_named(rig: Path) -> tuple[str, ...]:
     named = dict.fromkeys((*recordings, slow_roll))
     # Names with control characters are refused where the rig file is read for good; none can be opened.
     return tuple(harmless(name) for name in named if isinstance(name, str) and name)
+
+
+def healthy_named(rig: Path) -> str | None:
+    """The table of the healthy rotor that a rig file names, in the same way."""
+    model = (_content(rig) or {}).get("model")
+    name = model.get("healthy") if isinstance(model, dict) else None
+    return harmless(name) if isinstance(name, str) and name else None
 
 
 def can_be_read(rig: Path) -> bool:

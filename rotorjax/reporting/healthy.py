@@ -22,11 +22,12 @@ def healthy_lines(story: Story) -> list[str]:
     noise, chi2 = healthy.calibrated.measurement.noise_rms, healthy.fit.reduced_chi2
     alone = "" if noise is None else f" (noise alone is {number(noise / MICROMETRE)} µm)"
     vectors = int(healthy.calibrated.measurement.present.sum())
-    within = number(100.0 * healthy.tolerance, 2)
+    within, changes = (number(100.0 * one, 2) for one in (healthy.tolerance, healthy.tolerance_of_changes))
     lines = [
         f"Healthy rotor, {vectors} vectors: the model as stated differs from it by {before} µm rms, by {after} µm "
         f"once it is fitted to it{alone}. So calibrated it is the model as declared in all that "
-        f"follows: what is found has changed since. Its form counts as right within {within} %."
+        f"follows: what is found has changed since. Its form counts as right within {within} %, "
+        f"what has changed within {changes} %."
     ]
     lacking = [p for p in story.measurement.probes_read if p not in healthy.calibrated.measurement.probes_read]
     lacking += [f"{n:g}X" for n in story.measurement.orders if n not in healthy.calibrated.measurement.orders]
@@ -74,5 +75,6 @@ def healthy_json(healthy: Healthy | None) -> dict[str, Any] | None:
         "noise_rms_um": None if noise is None else noise / MICROMETRE,
         "reduced_chi2": healthy.fit.reduced_chi2,
         "tolerance": healthy.tolerance,
+        "tolerance_of_changes": healthy.tolerance_of_changes,
         "parameters": parameters,
     }

@@ -133,11 +133,13 @@ class Jobs:
         if self.job is not None:
             _remove(self.job.folder)
         recordings = given.recordings
-        shown = [given.rig.name, *([given.table.name] if given.table else []), *recordings]
+        tables = [table.name for table in (given.table, given.healthy) if table is not None]
+        shown = [given.rig.name, *tables, *recordings]
         self.job = Job(shown, folder)
         ask = {
             "rig": str(given.rig.path),
             "table": None if given.table is None else str(given.table.path),
+            "healthy": None if given.healthy is None else str(given.healthy.path),
             "recordings": {name: str(upload.path) for name, upload in recordings.items()},
             "folder": str(folder),
             "title": given.title,

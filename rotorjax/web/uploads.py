@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from rotorjax.data.named_files import recordings_named
+from rotorjax.data.named_files import healthy_named, recordings_named
 from rotorjax.data.names import harmless
 from rotorjax.errors import InputError
 
@@ -36,7 +36,7 @@ class Limits(NamedTuple):
     @property
     def together(self) -> int:
         """Of all files of one explanation."""
-        return self.rig + max(self.table, self.recordings)
+        return self.rig + self.table + max(self.table, self.recordings)
 
 
 class Upload(NamedTuple):
@@ -58,6 +58,8 @@ class Given(NamedTuple):
     """None with recordings."""
     recordings: Mapping[str, Upload]
     """Name in the rig file -> file."""
+    healthy: Upload | None = None
+    """Table of the healthy rotor."""
 
     @property
     def title(self) -> str:
@@ -68,7 +70,7 @@ class Given(NamedTuple):
     @property
     def shown(self) -> dict[str, str]:
         """Path of a stored file -> name by which people know it, that of a recording as the rig file has it."""
-        given = [(upload.name, upload) for upload in (self.rig, self.table) if upload is not None]
+        given = [(upload.name, upload) for upload in (self.rig, self.table, self.healthy) if upload is not None]
         return {str(upload.path): harmless(name) for name, upload in (*given, *self.recordings.items())}
 
 
@@ -87,7 +89,8 @@ def place_for(folder: Path, name: str) -> Path:
 
 
 def sorted_out(uploads: Sequence[Upload], limits: Limits) -> Given:
-    """Which file is what: one ends in .toml; the others are the recordings that it names, or one of them is a table.
+    """Which file is what: one ends in .toml; of the others one may be the table of the healthy rotor that it names; the
+    others are the recordings that it names, or one of them is a table.
 
     **Errors.** `InputError` where that cannot be told or files are missing, `TooLargeError`.
     """
@@ -99,20 +102,30 @@ def sorted_out(uploads: Sequence[Upload], limits: Limits) -> Given:
         twice = next(name for name in others if [upload.name for upload in uploads].count(name) > 1)
         raise InputError(f"{twice}: two files have this name; rename one, here and in the rig file")
     named = recordings_named(rig.path)
+    # By itself it is the measurement that is looked at.
+    healthy = others.pop(shown_name(healthy_named(rig.path) or ""), None) if len(others) > 1 else None
     table = next(iter(others.values())) if len(others) == 1 else None
+    if healthy is not None:
+        _check_size(healthy, limits)
     if table is not None and not _is_recording(table, named):
-        if table.size > limits.table:
-            raise TooLargeError(
-                f"{table.name}: {_size(table.size)}; a table has at most {_size(limits.table)} (rotorjax serve "
-                "--max-table-mb allows more)"
-            )
-        return Given(rig, table, {})
+        _check_size(table, limits)
+        return Given(rig, table, {}, healthy)
     if not named:
         beside = f"{len(others)} files are beside {rig.name}" if others else f"only {rig.name} was given"
         raise InputError(
-            f"{beside}: give one measurement table with it, or name recordings under its [recordings] and give them"
+            f"{beside}: give one measurement table with it (and that of the healthy rotor, if its [model] names one as "
+            "healthy), or name recordings under its [recordings] and give them"
         )
-    return Given(rig, None, _recordings_among(rig, named, others, limits))
+    return Given(rig, None, _recordings_among(rig, named, others, limits), healthy)
+
+
+def _check_size(table: Upload, limits: Limits) -> None:
+    """`TooLargeError` for a table that is too large."""
+    if table.size > limits.table:
+        raise TooLargeError(
+            f"{table.name}: {_size(table.size)}; a table has at most {_size(limits.table)} (rotorjax serve "
+            "--max-table-mb allows more)"
+        )
 
 
 def _rig_among(uploads: Sequence[Upload]) -> Upload:

@@ -54,8 +54,8 @@ def main(options: Mapping[str, Any] | None = None) -> None:
 def serve(job: Mapping[str, Any], tell: Tell, options: Mapping[str, Any]) -> None:
     """One explanation: answers ``progress`` as it goes, then ``done``, ``problems`` or ``defect``.
 
-    **Arguments:** ``job``: paths of ``rig``, ``table`` (or none) and ``recordings`` (name in the rig file -> path), the
-    ``folder`` to write to, the ``title``, and ``shown``: path -> name by which people know a file.
+    **Arguments:** ``job``: paths of ``rig``, ``table`` and ``healthy`` (or none), and ``recordings`` (name in the rig
+    file -> path), the ``folder`` to write to, the ``title``, and ``shown``: path -> name by which people know a file.
     """
 
     def named(text: str) -> str:
@@ -78,17 +78,21 @@ def _explained(
     job: Mapping[str, Any], named: Callable[[str], str], progress: Callable[[str], None], options: Mapping[str, Any]
 ) -> dict[str, Any]:
     from rotorjax.data.files import write_whole  # noqa: PLC0415 - it is told first that reading begins
+    from rotorjax.data.rig import read_measurement  # noqa: PLC0415
     from rotorjax.discovery.explain import explain  # noqa: PLC0415
     from rotorjax.reporting.explanation_json import explanation_json  # noqa: PLC0415
 
     progress(f"reading {job['table'] or job['rig']}")
     rig, measurement = _read(job, progress)
-    found = explain(rig.model, measurement, **options, progress=progress)
+    healthy = None if job["healthy"] is None else read_measurement(job["healthy"], rig)
+    found = explain(rig.model, measurement, **options, progress=progress, healthy=healthy)
     progress("drawing the report")
-    folder, notes = Path(job["folder"]), list(measurement.notes)
-    if rig.healthy is not None:
+    folder, notes = Path(job["folder"]), [*measurement.notes, *(() if healthy is None else healthy.notes)]
+    own = job["shown"].get(job["table"])
+    if rig.healthy is not None and healthy is None and own != rig.healthy.name:
         notes.append(
-            "the table of the healthy rotor that the rig file names was not read here: `rotorjax explain` does"
+            f"the model was not calibrated on the healthy rotor, as {rig.healthy.name}, which the rig file names, was "
+            "not given"
         )
     if not rig.write(folder / RIG, found.model, found.mistake):
         cure = "" if found.mistake is None else f"; change by hand: {found.mistake.cure}"

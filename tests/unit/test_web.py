@@ -290,6 +290,21 @@ def test_recordings_are_found_by_the_last_part_of_their_names(tmp_path):
     assert table.name == "t.csv"
 
 
+def test_the_healthy_table_is_the_one_that_the_rig_file_names(tmp_path):
+    named = RIG + b'[model]\nhealthy = "old/h.csv"\n'
+    given = sorted_out(stored(tmp_path, {"r.toml": named, "h.csv": b"h", "t.csv": b"t"}), SMALL)
+    assert given.table is not None
+    assert given.healthy is not None
+    assert (given.table.name, given.healthy.name) == ("t.csv", "h.csv")
+    assert set(given.shown.values()) == {"r.toml", "t.csv", "h.csv"}
+    # By itself it is what is looked at.
+    alone = sorted_out(stored(tmp_path, {"r.toml": named, "h.csv": b"h"}), SMALL)
+    assert alone.table is not None
+    assert (alone.table.name, alone.healthy) == ("h.csv", None)
+    with pytest.raises(TooLargeError, match=r"h\.csv: 30,000 bytes"):
+        sorted_out(stored(tmp_path, {"r.toml": named, "h.csv": b"h" * 30_000, "t.csv": b"t"}), SMALL)
+
+
 @pytest.mark.parametrize(
     ("uploads", "problem"),
     [
