@@ -39,11 +39,12 @@ def race(
 ) -> Known:
     """Fit every hypothesis under one noise, from what is known of it and of its neighbours, in the same compiled calls.
 
-    The influence of what scatters between runs is taken at the most probable that is known. What was fitted under this
-    very noise is not fitted again, but for what was cut off. **Arguments:** ``also``: where forces that depend on
-    motion ended under another noise, as further starts; ``afresh``: begin at the parameters known with motions as
-    measured, too: those that balanced where much was allowed for misfit may lie beyond a wall; ``hopeless``: cost with
-    which a descent does not go on.
+    The influence of what scatters between runs is taken at the most probable that is known, that of what a calibration
+    on the healthy rotor leaves open where each hypothesis ends. What was fitted under this very noise is not fitted
+    again, but for what was cut off. **Arguments:** ``also``: where forces that depend on motion ended under another
+    noise, as further starts; ``afresh``: begin at the parameters known with motions as measured, too: those that
+    balanced where much was allowed for misfit may lie beyond a wall; ``hopeless``: cost with which a descent does not
+    go on.
     """
     further = {effects: other.ends for effects, other in (also or {}).items() if effects & contest.coupled}
     every = list(dict.fromkeys(hypotheses))
@@ -62,12 +63,14 @@ def race(
     for size in sorted({len(effects) for effects in wanted}):
         level = [effects for effects in wanted if len(effects) == size]
         for effects, ends in _fitted(
-            contest, data, level, {**known, **found}, further, afresh=afresh, hopeless=hopeless
+            contest, noise, data, level, {**known, **found}, further, afresh=afresh, hopeless=hopeless
         ).items():
             found[effects] = contender_of(contest, effects, ends, noise)
     every_known = {**known, **found}
     special = _special_cases(contest, found, every_known, noise) | _below_larger(contest, found, every_known, noise)
-    for effects, ends in _fitted(contest, data, list(special), special, {}, afresh=False, hopeless=hopeless).items():
+    for effects, ends in _fitted(
+        contest, noise, data, list(special), special, {}, afresh=False, hopeless=hopeless
+    ).items():
         found[effects] = contender_of(contest, effects, [*found[effects].ends, *ends], noise)
     return found
 
@@ -140,6 +143,7 @@ def _as_special_case(
 
 def _fitted(
     contest: Contest,
+    noise: Noise,
     data: Data,
     wanted: list[Effects],
     known: Known,
@@ -162,7 +166,17 @@ def _fitted(
     ends = descend(
         contest.space, data, starts, np.stack(masks), training, budget=contest.budget, settings=QUICK, hopeless=hopeless
     )
+    ends = [_as_felt_there(contest, noise, end) for end in ends]
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
+
+
+def _as_felt_there(contest: Contest, noise: Noise, end: End) -> End:
+    """An end with what a calibration leaves open felt there: where an error of the mass has moved a resonance, an error
+    of what the healthy rotor showed moves the vectors otherwise. To first order about where the fit ended.
+    """
+    if contest.measurement.calibration is None or not math.isfinite(end.cost):
+        return end
+    return influenced(contest.data(noise, end.point), end, contest.training)
 
 
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, *, afresh: bool) -> list[Start]:
@@ -281,11 +295,10 @@ def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: b
     ratio = np.divide(weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
     error, used = end.local.error * ratio, weight[weight > 0.0]
     logarithm = -float(np.sum(np.log(used)))
-    common = data.common.reshape(error.size, -1)
-    logarithm += 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
+    logarithm += data.spread
     every = np.ones(len(error), bool)
     cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
-    prior = float(log_evidence(end, contest.space, lambda cost: -cost) + end.data_cost)
+    prior = float(log_evidence(end._replace(spread=0.0), contest.space, lambda cost: -cost) + end.data_cost)
     prior -= cost_of_stability(end, contest.space, contest.steady_rpm)
     return Scored(
         float(-(cost + normalised * logarithm)),
@@ -306,9 +319,8 @@ def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -
         end._replace(local=Local(end.local.error * ratio, end.local.slopes * ratio[..., None]))
         for end in contender.ends
     ]
-    return contender_of(
-        contest, contender.effects, [influenced(data, end, contest.training) for end in ends], noise
-    )._replace(foreseen=True)
+    ends = [_as_felt_there(contest, noise, influenced(data, end, contest.training)) for end in ends]
+    return contender_of(contest, contender.effects, ends, noise)._replace(foreseen=True)
 
 
 def falls(after: Noise, before: Noise) -> bool:

@@ -214,12 +214,13 @@ def _leads_under(contest: Contest, data: Data | None, winner: Contender, others:
 
 
 def _near_if_strong(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
-    """Those of the others that tie where effects may be three times as strong as declared: by nothing but its declared
-    scale an effect that fits as well is not excluded.
+    """Those of the others that tie where effects may be three times as strong as declared, and whatever the healthy
+    rotor leaves open would do: by nothing but declared scales an effect that fits as well is not excluded.
     """
 
     def wide(contender: Contender) -> float:
-        return contender_of(contest, contender.effects, contender.ends, noise, wide=True).log_evidence
+        strong = contender_of(contest, contender.effects, contender.ends, noise, wide=True)
+        return strong.log_evidence + strong.best.spread
 
     own = wide(winner)
     return {c.effects for c in others if own - wide(c) < TIE}

@@ -5,6 +5,7 @@ In standard errors the covariance of all vectors is 1 + B Bᵀ. The columns of B
 random numbers of unit variance.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -86,7 +87,7 @@ class OfRuns(NamedTuple):
         weight = self.measurement.weights(allowance)
         parts = [weight.reshape(*self.columns.shape[:2], 1) * self.columns]
         if form and self.measurement.knowledge.tolerance > 0.0:
-            parts.append(_form_error(self.measurement, weight))
+            parts.append(_form_error(self.measurement, allowance))
         common = np.concatenate(parts, axis=-1)
         return common[..., np.any(common != 0.0, axis=(0, 1))]
 
@@ -122,9 +123,8 @@ def random_in_run(
     return directions * np.sqrt(np.maximum(values, 0.0))
 
 
-def _form_error(
-    measurement: Measurement, weight: Float[np.ndarray, "case probe order 2"]
-) -> Float[np.ndarray, "case cell common"]:
+@functools.lru_cache(maxsize=4)
+def _form_error(measurement: Measurement, allowance: float) -> Float[np.ndarray, "case cell common"]:
     """The error of the model's form: at each order the vectors z of the probes become z + ε z.
 
     The entries of the matrix ε(Ω) are complex Gaussian processes of the logarithm of the speed, the same in all runs:
@@ -134,6 +134,7 @@ def _form_error(
     the healthy rotor is known, what has changed since has an ε of its own (`Measurement.form`).
     """
     apart = np.subtract.outer(np.log(measurement.speed_rpm), np.log(measurement.speed_rpm)) / ALIKE
+    weight = measurement.weights(allowance)
     kernel = 0.5 * (1.0 + np.exp(-0.5 * apart**2))
     parts = []
     for order in range(weight.shape[2]):

@@ -34,6 +34,15 @@ class Data(NamedTuple):
     odd: Bool[np.ndarray, "case"]
     """Whether a case is of the run in which something may be other than stated."""
 
+    felt_otherwise: bool = False
+    """Whether every hypothesis feels the errors in common otherwise, as it does what a calibration leaves open."""
+
+    @property
+    def spread(self) -> float:
+        """Half the logarithm of the determinant of the covariance of all errors, in standard errors."""
+        common = self.common.reshape(-1, self.common.shape[-1])
+        return 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
+
 
 def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
     """A measurement in units of its noise.
@@ -49,6 +58,7 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
         np.array([is_half_order(order) for order in measurement.orders]), measurement.run,
         common_errors(measurement, model, noise),
         np.zeros(len(measurement.run), bool) if measurement.odd_run is None else measurement.run == measurement.odd_run,
+        measurement.calibration is not None,
     )  # fmt: skip
 
 

@@ -62,6 +62,8 @@ class End(NamedTuple):
     result: int
     exact: bool
     """False where motions are left that do not balance."""
+    spread: float = 0.0
+    """`Data.spread`, where every hypothesis feels the errors in common otherwise; else zero."""
 
     @property
     def data_curvature(self) -> Float[np.ndarray, "free free"]:
@@ -301,6 +303,7 @@ def _end_of(one: Descent) -> End:
     return End(
         here.point.unknowns, normal.cost + one.prior.cost, free, curvature, one.prior, Local(error, here.slopes),
         lin.vectors(here.shown), here.point.motions, one.steps, one.result, one.exact,
+        lin.data.spread if lin.data.felt_otherwise else 0.0,
     )  # fmt: skip
 
 

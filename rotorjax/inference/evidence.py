@@ -57,12 +57,12 @@ def log_evidence(end: End, space: Space, log_of: Callable[[float], float], *, wi
     """
     own = log_of(end.cost) - 0.5 * float(log_determinant(end.curvature))
     if end.result != CONVERGED:
-        return own
+        return own - end.spread
     optimum, total = _Optimum.of(end, together(np.asarray(space.open_size)[end.free])), own
     for group, widths in left_open(end, space, wide=wide):
         logs = optimum.under(group, np.stack(widths), log_of)
         total += float(np.logaddexp.reduce(logs)) - np.log(len(logs)) - own
-    return total
+    return total - end.spread
 
 
 def _determined(end: End) -> Float[np.ndarray, "free"]:
