@@ -261,8 +261,10 @@ def read_rig(path: str | Path, *, catalog: Mapping[str, type[Effect]] = NAMED) -
 def read_measurement(path: str | Path, rig: Rig) -> Measurement:
     """Read a measurement table of a rig, in the conventions that the rig file declares.
 
-    **Errors.** `InputError` with one line per problem: file, line, column and cure.
+    **Errors.** `InputError` with one line per problem: file, line, column and cure; ``TypeError`` for what is no rig.
     """
+    if not isinstance(rig, Rig):
+        raise TypeError(f"{rig!r} is no rig: hand over read_rig(...) of the rig file")
     table = read_table(Path(path), probes=rig.model.layout.probes)
     return rig.measurement(table, Path(path))
 

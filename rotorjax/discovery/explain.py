@@ -88,10 +88,12 @@ def explain(  # noqa: PLR0913
     for the fits that are shown; where it is reached the verdict is "undecided" or "unexplained", with what was not
     tried; ``progress``: called with a line of text at every stage, and while it goes on; ``healthy``: a measurement of
     the healthy rotor, on which the model is calibrated first: what is found has changed since.
-    **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, or
-    for a measurement with other probes or planes.
+    **Returns** an `Explanation`. **Errors.** ``ValueError`` in single precision, for names that the catalogue lacks, a
+    negative ``max_effects``, or a measurement with other probes or planes.
     """
     require_float64("explain")
+    if max_effects < 0:
+        raise ValueError(f"max_effects is {max_effects}; it is the number of effects to add at most, none or more")
     known = None
     if healthy is not None:
         progress("the model on the healthy rotor")

@@ -40,7 +40,7 @@ class Data(NamedTuple):
     @property
     def spread(self) -> float:
         """Half the logarithm of the determinant of the covariance of all errors, in standard errors."""
-        common = self.common.reshape(-1, self.common.shape[-1])
+        common = self.common.reshape(self.pairs.size, self.common.shape[-1])
         return 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
 
 

@@ -81,6 +81,8 @@ class Model(eqx.Module, Shown):
         for effect in effects:
             if isinstance(effect, type):
                 raise TypeError(f"{effect.__name__} is a class; add an effect of it: {effect.__name__}()")
+            if not isinstance(effect, Effect):
+                raise TypeError(f"{effect!r} is no effect: add one such as effects.ResidualUnbalance()")
             sized, present = effect.sized(self.layout), every.get(effect.name)
             every[effect.name] = sized if present is None else jax.tree.map(jnp.add, present, sized)
         return self._with_effects(every.values())

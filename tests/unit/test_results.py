@@ -238,6 +238,7 @@ def test_unknown_names_are_answered_with_those_there_are(found, story, measured)
         (lambda: diagnose(*measured, reference="foo"), "reference run 'foo' is not in the table"),
         (lambda: fit(*measured, free="foo"), "has no 'foo' to fit"),
         (lambda: explain(*measured, only="foo"), "unknown effect 'foo'"),
+        (lambda: explain(*measured, max_effects=-1), "max_effects is -1"),
     ):
         with pytest.raises(ValueError, match=message):
             ask()

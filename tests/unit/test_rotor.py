@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from rotorjax import Conditions, Jeffcott, Model, effects, read_rig, response
+from rotorjax import Conditions, Jeffcott, Model, effects, read_measurement, read_rig, response
 from rotorjax.data.example import write_example
 from rotorjax.model.rotor import bearing_stiffness
 
@@ -61,3 +61,8 @@ def test_what_is_no_rotor_and_what_is_no_effect_is_refused(tmp_path):
         Model(read_rig(tmp_path / "rig.toml"))
     with pytest.raises(TypeError, match="MassError"):
         Model(Jeffcott(1.0, 1e5, 0.02)) + effects.MassError
+    # By name: here types are checked before.
+    with pytest.raises(TypeError, match=r"no effect|parameter 'effect'"):
+        Model(Jeffcott(1.0, 1e5, 0.02)) + "mass_error"
+    with pytest.raises(TypeError, match=r"no rig|parameter 'rig'"):
+        read_measurement(tmp_path / "measurement.csv", tmp_path / "rig.toml")
