@@ -8,6 +8,7 @@ from rotorjax.discovery.ranking import is_detected, none_left
 from rotorjax.discovery.rivals import TIE
 from rotorjax.inference.noise import NO_SCATTER
 from rotorjax.reporting.comparison import misfit_share, sizes_by_effect
+from rotorjax.reporting.healthy import model_compared
 from rotorjax.reporting.missing_force import missing_force_lines
 from rotorjax.reporting.tables import number
 from rotorjax.reporting.wording import listed, opening, percent, plain_name, said
@@ -52,7 +53,7 @@ def misses(found: Explanation) -> str:
     if found.mistake is None and story.fits and story.fits[0].estimates:
         left = number(story.views[0].rms / MICROMETRE)
         fitted = f"; {left} µm rms remain once the values declared uncertain are adjusted"
-    return f"The model as declared differs from the measurement by {misfit_share(story.declared)}{fitted}."
+    return f"{model_compared(story)} differs from the measurement by {misfit_share(story.declared)}{fitted}."
 
 
 def _missing(found: Explanation) -> str:

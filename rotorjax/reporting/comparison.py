@@ -16,7 +16,7 @@ from rotorjax.reporting.critical_speeds import (
     critical_speeds_lines,
     critical_speeds_table,
 )
-from rotorjax.reporting.healthy import healthy_lines, healthy_table
+from rotorjax.reporting.healthy import healthy_lines, healthy_table, model_compared
 from rotorjax.reporting.page import Headline, Page, Picture
 from rotorjax.reporting.sizes import Size, sizes
 from rotorjax.reporting.tables import Table, laid_out, number
@@ -58,7 +58,7 @@ def measurement_line(m: Measurement) -> str:
 
 def verdict(story: Story) -> str:
     """The result in one or two sentences."""
-    first = _fails(story.declared, "The model as declared")
+    first = _fails(story.declared, model_compared(story))
     if not story.fits:
         return first
     before, after = story.views[0].rms, story.last.rms

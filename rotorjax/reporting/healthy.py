@@ -13,6 +13,11 @@ TOO_MUCH = 1.2
 """Times the noise alone from which on the healthy rotor is said to show more than its calibrated model."""
 
 
+def model_compared(story: Story) -> str:
+    """What is held against the measurement before anything is added."""
+    return "The model as declared" if story.healthy is None else "The model calibrated on the healthy rotor"
+
+
 def healthy_lines(story: Story) -> list[str]:
     """What the calibration brought, and what it leaves."""
     healthy = story.healthy
