@@ -31,6 +31,7 @@ STATED = {"amplitude_um_0pk": ("amplitude", "peak"), "phase_lead_deg": ("phase",
 
 if TYPE_CHECKING:
     from rotorjax.data.rig import Rig
+    from rotorjax.inference.space import Space
     from rotorjax.model.model import Model
 
 NOISE_ALONE = 0.01
@@ -73,6 +74,12 @@ class Calibration(Protocol):
         self, model: "Model", conditions: Conditions, orders: tuple[float, ...]
     ) -> Float[np.ndarray, "case cell common"]:
         """What one unit of each error that all vectors share does to them where a model is right [m]."""
+        ...
+
+    def columns_at(
+        self, space: "Space", conditions: Conditions, points: Sequence[Float[np.ndarray, "param"]]
+    ) -> list[Float[np.ndarray, "case cell common"]]:
+        """The same at several points of a space."""
         ...
 
 

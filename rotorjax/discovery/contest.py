@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -162,7 +162,17 @@ class Contest:
 
     def data(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Data:
         """The measurement in units of a noise, the sensitivity to what is random taken at a point."""
-        return make_data(self.measurement, self._felt_by(noise, point), noise)
+        return self.data_at(noise, [point])[0]
+
+    def data_at(self, noise: Noise, points: Sequence[Float[np.ndarray, "param"]]) -> list[Data]:
+        """The same at several points."""
+        m = self.measurement
+        if m.calibration is None:
+            return [make_data(m, self._felt_by(noise, point), noise) for point in points]
+        random = anything_random(m.knowledge, noise.scatter)
+        models = [self.space.model_at(point) if random else self.space.model for point in points]
+        every = m.calibration.columns_at(self.space, m.conditions, points)
+        return [make_data(m, model, noise, columns) for model, columns in zip(models, every, strict=True)]
 
     def _felt_by(self, noise: Noise, point: Float[np.ndarray, "param"]) -> Model:
         """The model by which errors in common are felt: any, where there are none but of the model's form."""

@@ -8,6 +8,7 @@ tolerance of the model's form.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -26,7 +27,8 @@ from rotorjax.errors import InputError
 from rotorjax.inference.budget import Budget
 from rotorjax.inference.covariance import Noise, common_errors
 from rotorjax.inference.curvature import inverse
-from rotorjax.inference.prediction import predict
+from rotorjax.inference.linearised import Linearisation, Point
+from rotorjax.inference.prediction import conditions_data, predict
 from rotorjax.inference.space import Space, make_space, values_of
 from rotorjax.model.conditions import Conditions
 from rotorjax.model.contract import AbstractRotor
@@ -104,12 +106,20 @@ class LeftOpen:
         """J L, J the slopes of the vectors by these parameters where a model is right, without its nonlinear forces."""
         linear = without_coupling(model.with_orders(orders)).with_null_effects(CATALOG.values())
         space = self._space(linear)
+        return self.columns_at(space, conditions, [values_of(linear) / np.asarray(space.scale)])[0]
+
+    def columns_at(
+        self, space: Space, conditions: Conditions, points: Sequence[Float[np.ndarray, "param"]]
+    ) -> list[Float[np.ndarray, "case cell common"]]:
+        """The same at several points of a space that has these parameters."""
         entries = {e.key: e for e in space.entries}
         own = [k for k, key in enumerate(self.keys) if key in entries]
         wanted = np.array([entries[self.keys[k]].unknown for k in own])
-        scale = np.asarray(space.scale)
-        found = predict(space, conditions, values_of(linear) / scale, budget=Budget(), free=wanted)
-        return found.slopes / scale[wanted] @ self.root[own]
+        layout, scale, coupled = space.model.layout, np.asarray(space.scale), space.coupled()
+        lin = Linearisation(space, conditions_data(conditions, len(layout.probes), len(layout.orders)), Budget())
+        linear = [Point(np.where(coupled, 0.0, point), None) for point in points]
+        found = lin.at(linear, [wanted] * len(points))
+        return [one.slopes / scale[wanted] @ self.root[own] for one in found]
 
     def _space(self, model: Model) -> Space:
         """The space of a model, kept for all that differ from it in the values of their effects only."""

@@ -166,17 +166,21 @@ def _fitted(
     ends = descend(
         contest.space, data, starts, np.stack(masks), training, budget=contest.budget, settings=QUICK, hopeless=hopeless
     )
-    ends = [_as_felt_there(contest, noise, end) for end in ends]
+    ends = _as_felt_there(contest, noise, ends)
     return {effects: [end for own, end in zip(owner, ends, strict=True) if own == effects] for effects in wanted}
 
 
-def _as_felt_there(contest: Contest, noise: Noise, end: End) -> End:
-    """An end with what a calibration leaves open felt there: where an error of the mass has moved a resonance, an error
+def _as_felt_there(contest: Contest, noise: Noise, ends: list[End]) -> list[End]:
+    """Ends with what a calibration leaves open felt at each: where an error of the mass has moved a resonance, an error
     of what the healthy rotor showed moves the vectors otherwise. To first order about where the fit ended.
     """
-    if contest.measurement.calibration is None or not math.isfinite(end.cost):
-        return end
-    return influenced(contest.data(noise, end.point), end, contest.training)
+    if contest.measurement.calibration is None:
+        return ends
+    finite = [k for k, end in enumerate(ends) if math.isfinite(end.cost)]
+    there = list(ends)
+    for k, data in zip(finite, contest.data_at(noise, [ends[k].point for k in finite]), strict=True):
+        there[k] = influenced(data, ends[k], contest.training)
+    return there
 
 
 def _starts(contest: Contest, effects: Effects, mask: np.ndarray, known: Known, *, afresh: bool) -> list[Start]:
@@ -319,7 +323,7 @@ def foreseen(contest: Contest, data: Data, contender: Contender, noise: Noise) -
         end._replace(local=Local(end.local.error * ratio, end.local.slopes * ratio[..., None]))
         for end in contender.ends
     ]
-    ends = [_as_felt_there(contest, noise, influenced(data, end, contest.training)) for end in ends]
+    ends = _as_felt_there(contest, noise, [influenced(data, end, contest.training) for end in ends])
     return contender_of(contest, contender.effects, ends, noise)._replace(foreseen=True)
 
 

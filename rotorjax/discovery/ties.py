@@ -214,16 +214,17 @@ def _leads_under(contest: Contest, data: Data | None, winner: Contender, others:
 
 
 def _near_if_strong(contest: Contest, noise: Noise, winner: Contender, others: list[Contender]) -> set[Effects]:
-    """Those of the others that tie where effects may be three times as strong as declared, and whatever the healthy
-    rotor leaves open would do: by nothing but declared scales an effect that fits as well is not excluded.
+    """Those of the others that tie where effects may be three times as strong as declared, or whatever what the healthy
+    rotor leaves open would do: by nothing but a declared scale an effect that fits as well is not excluded.
     """
 
     def wide(contender: Contender) -> float:
-        strong = contender_of(contest, contender.effects, contender.ends, noise, wide=True)
-        return strong.log_evidence + strong.best.spread
+        return contender_of(contest, contender.effects, contender.ends, noise, wide=True).log_evidence
 
-    own = wide(winner)
-    return {c.effects for c in others if own - wide(c) < TIE}
+    def whatever(contender: Contender) -> float:
+        return contender.log_evidence + contender.best.spread
+
+    return {c.effects for c in others for scored in (wide, whatever) if scored(winner) - scored(c) < TIE}
 
 
 def _evidence_under(contest: Contest, data: Data, contender: Contender) -> float:

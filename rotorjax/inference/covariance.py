@@ -65,12 +65,19 @@ class OfRuns(NamedTuple):
     columns: Float[np.ndarray, "case cell common"]
 
     @classmethod
-    def of(cls, measurement: Measurement, model: Model, scatter: RunScatter) -> "OfRuns":
-        """**Arguments:** ``model``: where the sensitivity to unbalance and bow is taken."""
-        calibration = measurement.calibration
-        left_open = (
-            [] if calibration is None else [calibration.columns(model, measurement.conditions, measurement.orders)]
-        )
+    def of(
+        cls,
+        measurement: Measurement,
+        model: Model,
+        scatter: RunScatter,
+        calibrated: Float[np.ndarray, "case cell common"] | None = None,
+    ) -> "OfRuns":
+        """**Arguments:** ``model``: where the sensitivity to unbalance and bow is taken, and that to what a calibration
+        leaves open, but where what that does is given, ``calibrated``.
+        """
+        if calibrated is None and measurement.calibration is not None:
+            calibrated = measurement.calibration.columns(model, measurement.conditions, measurement.orders)
+        left_open = [] if calibrated is None else [calibrated]
         cases, cells = len(measurement.run), 2 * measurement.vectors[0].size
         random = anything_random(measurement.knowledge, scatter)
         if not random or not np.any(factor := _scatter_factor(measurement, model, scatter)):
@@ -93,14 +100,19 @@ class OfRuns(NamedTuple):
 
 
 def common_errors(
-    measurement: Measurement, model: Model, noise: Noise, *, form: bool = True
+    measurement: Measurement,
+    model: Model,
+    noise: Noise,
+    *,
+    form: bool = True,
+    calibrated: Float[np.ndarray, "case cell common"] | None = None,
 ) -> Float[np.ndarray, "case cell common"]:
     """What one unit of every common error does to the vectors, in standard errors.
 
     **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to add to the
-    table's; ``form``: with the error of the model's form.
+    table's; ``form``: with the error of the model's form; ``calibrated``: as in `OfRuns.of`.
     """
-    return OfRuns.of(measurement, model, noise.scatter).with_form(noise.allowance, form=form)
+    return OfRuns.of(measurement, model, noise.scatter, calibrated).with_form(noise.allowance, form=form)
 
 
 def _scatter_factor(measurement: Measurement, model: Model, scatter: RunScatter) -> Float[np.ndarray, "run dof latent"]:

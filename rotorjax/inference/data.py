@@ -44,11 +44,16 @@ class Data(NamedTuple):
         return 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
 
 
-def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
+def make_data(
+    measurement: Measurement,
+    model: Model,
+    noise: Noise,
+    calibrated: Float[np.ndarray, "case cell common"] | None = None,
+) -> Data:
     """A measurement in units of its noise.
 
     **Arguments:** ``model``: where the sensitivity to what is random in a run is taken; ``noise``: what to
-    add to the table's.
+    add to the table's; ``calibrated``: as in `rotorjax.inference.covariance.OfRuns.of`.
     """
     weight = measurement.weights(noise.allowance)
     at = measurement.conditions
@@ -56,7 +61,7 @@ def make_data(measurement: Measurement, model: Model, noise: Noise) -> Data:
         np.asarray(at.speed), np.asarray(at.unbalance), np.asarray(at.bow), at.sweeps,
         numpy_pair(measurement.vectors), weight,
         np.array([is_half_order(order) for order in measurement.orders]), measurement.run,
-        common_errors(measurement, model, noise),
+        common_errors(measurement, model, noise, calibrated=calibrated),
         np.zeros(len(measurement.run), bool) if measurement.odd_run is None else measurement.run == measurement.odd_run,
         measurement.calibration is not None,
     )  # fmt: skip
