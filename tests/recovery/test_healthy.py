@@ -31,6 +31,7 @@ from rotorjax import (
 from rotorjax.batch.explaining import Task, explain_case
 from rotorjax.cli import main
 from rotorjax.effects.healthy_rotor import HealthyDetail, HealthyExcitation, HealthyRotor, HealthyRunout
+from rotorjax.inference.space import make_space
 from rotorjax.reporting.comparison import comparison_text
 from rotorjax.reporting.explanation import explanation_text
 from rotorjax.reporting.explanation_json import explanation_json
@@ -48,23 +49,25 @@ def conditions() -> Conditions:
     return Conditions.at(np.tile(SPEEDS, 3), unbalance=np.repeat(WEIGHTS, len(SPEEDS), axis=0)[:, None])
 
 
-def detailed(*, cross: float = 0.0, unbalance: complex = 0.0) -> np.ndarray:
+def detailed(*, cross: float = 0.0, unbalance: complex = 0.0, bow: complex = 0.0, heavier: float = 1.05) -> np.ndarray:
     """Vectors of X and Y [m]: coordinates x, y and slopes; ``cross``: k of a force across the motion of the disk;
-    ``unbalance``: beside that which the healthy rotor has. Both probes have runout.
+    ``unbalance``: beside that which the healthy rotor has; ``bow`` of the shaft at the disk, which is inclined there;
+    ``heavier``: mass over that of the rig file. Both probes have runout.
     """
     lever, turning = 0.12, 2.2e4
     polar, diametral = 0.012, 0.008
     vectors = []
     for speed, (ux, uy) in zip(np.tile(SPEEDS, 3), np.repeat(WEIGHTS, len(SPEEDS), axis=0), strict=True):
         dynamic = np.zeros((4, 4), complex)
+        force = speed**2 * (ux + 1j * uy + OWN_UNBALANCE + unbalance) * np.array([1.0, -1j, 0.0, 0.0])
         for axis in (0, 1):
             own = np.array([[1.0, lever], [lever, lever**2]]) * STIFFNESS[axis] * 1.03
             own = own + np.array([[0.0, 0.0], [0.0, turning]])
-            own = own - speed**2 * np.diag([1.05 * MASS, diametral]) + 1j * speed * np.diag([DAMPING[axis], 0.1])
+            force[axis::2] += own @ np.array([bow, -0.5 * bow]) * [1.0, -1j][axis]
+            own = own - speed**2 * np.diag([heavier * MASS, diametral]) + 1j * speed * np.diag([DAMPING[axis], 0.1])
             dynamic[np.ix_([axis, axis + 2], [axis, axis + 2])] = own
         dynamic[0, 1], dynamic[1, 0] = cross, -cross
         dynamic[2, 3], dynamic[3, 2] = 1j * speed**2 * polar, -1j * speed**2 * polar
-        force = speed**2 * (ux + 1j * uy + OWN_UNBALANCE + unbalance) * np.array([1.0, -1j, 0.0, 0.0])
         vectors.append(np.linalg.solve(dynamic, force)[:2])
     return (np.array(vectors) + RUNOUT)[..., None]
 
@@ -119,6 +122,48 @@ def test_what_has_changed_since_is_found(change, name):
     assert "decrement" not in text.partition("Parameters")[0]
     assert "Healthy rotor, 72 vectors" in text
     assert content["healthy"]["rms_um"] < 0.4 < content["healthy"]["as_stated_rms_um"]
+
+
+def test_a_bow_of_a_shaft_that_bends_otherwise_than_the_model_is_a_bow():
+    healthy, later = measured(detailed(), 1), measured(detailed(bow=1.2e-5 + 6e-6j), 2)
+    found = explain(MODEL, later, healthy=healthy)
+    assert (found.verdict, found.effects) == ("explained", ("residual_bow",))
+
+
+def test_an_error_of_the_mass_is_compared_where_it_has_moved_the_resonance():
+    """What the healthy rotor leaves open moves the vectors there otherwise than it moved those of the healthy rotor; a
+    stiffness that changes with speed does nearly the same.
+    """
+    healthy, later = measured(detailed(), 1), measured(detailed(heavier=1.12), 2)
+    few = [
+        dataclasses.replace(m, present=m.present & (np.arange(36) % 3 == 0)[:, None, None]) for m in (healthy, later)
+    ]
+    likely = ["mass_error", "speed_dependent_stiffness", "stiffness_error", "damping_error", "gyroscopic"]
+    found = explain(MODEL, few[1], only=likely, healthy=few[0], thorough=False)
+    first = found.races[0].contenders
+    mass, stiffness = (first[frozenset({name})].best for name in ("mass_error", "speed_dependent_stiffness"))
+    assert abs(mass.data_cost - stiffness.data_cost) < 10.0
+    tied = [set(found.effects), *(set(t.effects) for t in found.ties.tied)]
+    assert {"mass_error"} in tied
+
+
+def test_what_is_left_open_is_felt_alike_from_a_model_and_from_a_space():
+    known = calibrated(MODEL, measured(detailed(), 1))
+    later = known.beside(measured(detailed(), 2))
+    space = make_space(known.model.with_orders(later.orders), later.knowledge)
+    assert later.calibration is not None
+    one = later.calibration.columns(known.model, later.conditions, later.orders)
+    (other,) = later.calibration.columns_at(space, later.conditions, [space.given_unknowns()])
+    np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-15)
+
+
+def test_what_has_changed_has_a_tolerance_of_its_own():
+    known = calibrated(MODEL, measured(detailed(), 1))
+    later = known.beside(measured(detailed(cross=1500.0), 2))
+    change = later.vectors - np.asarray(response(known.model, later.conditions))
+    assert known.tolerance_of_changes > 5.0 * known.tolerance
+    np.testing.assert_allclose(later.form[:, :2], known.tolerance * later.vectors)
+    np.testing.assert_allclose(later.form[:, 2:], known.tolerance_of_changes * change, rtol=1e-6)
 
 
 def test_nothing_has_changed():
