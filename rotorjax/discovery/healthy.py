@@ -103,7 +103,9 @@ class LeftOpen:
     def columns(
         self, model: Model, conditions: Conditions, orders: tuple[float, ...]
     ) -> Float[np.ndarray, "case cell common"]:
-        """J L, J the slopes of the vectors by these parameters where a model is right, without its nonlinear forces."""
+        """J L, J the slopes of the vectors by these parameters where a model is right, at a steady speed, without
+        nonlinear forces.
+        """
         linear = without_coupling(model.with_orders(orders)).with_null_effects(CATALOG.values())
         space = self._space(linear)
         return self.columns_at(space, conditions, [values_of(linear) / np.asarray(space.scale)])[0]
@@ -115,9 +117,9 @@ class LeftOpen:
         entries = {e.key: e for e in space.entries}
         own = [k for k, key in enumerate(self.keys) if key in entries]
         wanted = np.array([entries[self.keys[k]].unknown for k in own])
-        layout, scale, coupled = space.model.layout, np.asarray(space.scale), space.coupled()
+        layout, scale, costly = space.model.layout, np.asarray(space.scale), space.coupled() | space.sweeping()
         lin = Linearisation(space, conditions_data(conditions, len(layout.probes), len(layout.orders)), Budget())
-        linear = [Point(np.where(coupled, 0.0, point), None) for point in points]
+        linear = [Point(np.where(costly, 0.0, point), None) for point in points]
         found = lin.at(linear, [wanted] * len(points))
         return [one.slopes / scale[wanted] @ self.root[own] for one in found]
 
