@@ -299,7 +299,7 @@ def score(contest: Contest, contender: Contender, noise: Noise, *, normalised: b
     ratio = np.divide(weight, old, out=np.zeros_like(old), where=old > 0.0).reshape(len(old), -1)
     error, used = end.local.error * ratio, weight[weight > 0.0]
     logarithm = -float(np.sum(np.log(used)))
-    logarithm += data.spread
+    logarithm += data.half_log_determinant
     every = np.ones(len(error), bool)
     cost = squares_of(data, error, np.zeros((*error.shape, 0)), every).cost
     prior = float(log_evidence(end._replace(spread=0.0), contest.space, lambda cost: -cost) + end.data_cost)

@@ -38,10 +38,15 @@ class Data(NamedTuple):
     """Whether every hypothesis feels the errors in common otherwise, as it does what a calibration leaves open."""
 
     @property
-    def spread(self) -> float:
+    def half_log_determinant(self) -> float:
         """Half the logarithm of the determinant of the covariance of all errors, in standard errors."""
         common = self.common.reshape(self.pairs.size, self.common.shape[-1])
         return 0.5 * float(np.linalg.slogdet(np.eye(common.shape[1]) + common.T @ common)[1])
+
+    @property
+    def spread(self) -> float:
+        """The same where it differs between hypotheses, as every one feels the errors otherwise; else zero."""
+        return self.half_log_determinant if self.felt_otherwise else 0.0
 
 
 def make_data(

@@ -63,7 +63,7 @@ class End(NamedTuple):
     exact: bool
     """False where motions are left that do not balance."""
     spread: float = 0.0
-    """`Data.spread`, where every hypothesis feels the errors in common otherwise; else zero."""
+    """`Data.spread` of what it was fitted to."""
 
     @property
     def data_curvature(self) -> Float[np.ndarray, "free free"]:
@@ -303,7 +303,7 @@ def _end_of(one: Descent) -> End:
     return End(
         here.point.unknowns, normal.cost + one.prior.cost, free, curvature, one.prior, Local(error, here.slopes),
         lin.vectors(here.shown), here.point.motions, one.steps, one.result, one.exact,
-        lin.data.spread if lin.data.felt_otherwise else 0.0,
+        lin.data.spread,
     )  # fmt: skip
 
 

@@ -28,5 +28,4 @@ def influenced(data: Data, end: End, training: Bool[np.ndarray, "case"]) -> End:
     point = end.point.copy()
     point[end.free] += step
     local = Local(end.local.error + end.local.slopes @ step, end.local.slopes)
-    spread = data.spread if data.felt_otherwise else 0.0
-    return end._replace(point=point, cost=cost, curvature=curvature, prior=prior, local=local, spread=spread)
+    return end._replace(point=point, cost=cost, curvature=curvature, prior=prior, local=local, spread=data.spread)
