@@ -45,7 +45,7 @@ def hide(
         "stiffness_error": lambda: {"stiffness": (x * (1 + v[0]), y * (1 + v[1]))},
         "mass_error": lambda: {"mass": rotor.mass * (1 + v[0])},
         "damping_error": lambda: {"damping": tuple(c * np.exp(e) for c, e in zip(rotor.damping, v, strict=True))},
-        "stiffness_axes": lambda: {"axes": v[0]},
+        "stiffness_axes": lambda: {"axes": v[0], "damping_axes": v[1]},
         "cross_coupling": lambda: {"cross": v[0]},
         "speed_dependent_stiffness": lambda: {"stiffness": (x * (1 + v[0] * growth), y * (1 + v[1] * growth))},
         "speed_dependent_damping": lambda: {

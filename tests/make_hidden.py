@@ -38,7 +38,8 @@ LEFT_OUT = {
     "speed_dependent_cross_coupling",
 }  # fmt: skip
 
-
+LATER = {"damping_angle_rad"}
+"""Parameters that came after the draw."""
 SCALES = {"runout": API_670_RUNOUT}
 """Prior scales that were others when the cases were drawn."""
 
@@ -55,6 +56,9 @@ def draw_effects(rng: np.random.Generator, rotor: Jeffcott) -> dict[str, list[fl
         for p in CATALOG[name].parameters():
             count = 2 if "probe" in p.axes else 1
             scale = SCALES.get(p.of) or p.prior_scale(rotor)
+            if p.name in LATER:
+                values += [0.0] * count
+                continue
             values += (scale * rng.uniform(0.5, 1.5, count) * rng.choice([-1.0, 1.0], count)).tolist()
         if name == "foundation":
             values[0] = abs(values[0])

@@ -14,6 +14,12 @@ from scipy.integrate import solve_ivp
 SAMPLES = 64
 
 
+def _turned(pair: tuple[float, float], angle: float) -> np.ndarray:
+    """Springs or dampers along two axes that are turned from x towards y."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return turn @ np.diag(pair) @ turn.T
+
+
 @dataclasses.dataclass
 class TimeRotor:
     """A rotor in time. Pairs are (x, y); rotating vectors are complex, their angle counted with the rotation."""
@@ -23,6 +29,9 @@ class TimeRotor:
     damping: tuple[float, float]
     sense: int = 1
     axes: float = 0.0
+    """Turn of the springs' axes from x towards y."""
+    damping_axes: float = 0.0
+    """The same of the dampers."""
     cross: float = 0.0
     internal: float = 0.0
     gyroscopic: float = 0.0
@@ -49,8 +58,7 @@ class TimeRotor:
         """The states' rate of change, several at once: state x motion in a row. Each is ``driven`` by what excites the
         rotor, or not.
         """
-        turn = np.array([[np.cos(self.axes), -np.sin(self.axes)], [np.sin(self.axes), np.cos(self.axes)]])
-        spring, damping = turn @ np.diag(self.stiffness) @ turn.T, np.array(self.damping)[:, None]
+        spring, damping = _turned(self.stiffness, self.axes), _turned(self.damping, self.damping_axes)
         across_of = self.sense * np.array([[0.0, 1.0], [-1.0, 0.0]])
 
         def rate(t: float, flat: np.ndarray) -> np.ndarray:
@@ -63,7 +71,7 @@ class TimeRotor:
             damped_v = v - driven * self._turning(1j * speed * self.bow, angle) if self.bow_through_damping else v
             force = (
                 -path
-                - damping * damped_v
+                - damping @ damped_v
                 - self.cross * across
                 - self.internal * (v + speed * across)
                 - speed * self.gyroscopic * (across_of @ v)

@@ -378,7 +378,7 @@ def _small(contest: Contest, selection: Selection) -> tuple[Small, ...]:
     """What was detected and not added, each with the size of its part in the prediction."""
     found, contender = [], selection.known[selection.present]
     for name in selection.small:
-        change = change_by(contest, contender, name)
+        change = change_by(contest, contender, [name])
         noise = noise_size(
             contest.measurement, selection.races[-1].noise if contest.measurement.sigma is None else contest.floor
         )

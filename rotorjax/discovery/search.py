@@ -174,12 +174,12 @@ def select(begun: SearchStart, most: int, *, progress: Progress = lambda _: None
         chosen, needed, noise = present | {added}, small, race.noise
         if noise.allowance > contest.floor.allowance or len(chosen | small) > 1:
             chosen, needed, noise = _refined(contest, chosen, small, race, table, most)
-            slight = frozenset(name for name in chosen if not matters(contest, table[chosen | needed], name, noise))
+            slight = too_small(contest, table[chosen | needed], chosen, noise)
             chosen, needed = chosen - slight, needed | slight
-        if chosen in tried:
+        if chosen | needed in tried:
             return _selection_of(contest, most, present, small, table, seen)
         present, small = chosen, needed
-        tried.add(present)
+        tried.add(present | small)
         contest = with_floor(contest, table[present | small])
 
 
@@ -275,8 +275,8 @@ def _selection_of(
     **Arguments:** ``later``: sets that the table has from after the races ``seen``.
     """
     whole = table[present | small]
-    for name in sorted(small):
-        if len(present) < most and matters(contest, whole, name, whole.noise):
+    for name in sorted(small - too_small(contest, whole, small, whole.noise)):
+        if len(present) < most:
             present, small = present | {name}, small - {name}
     order: list[str] = []
     races: list[Race] = []
@@ -321,8 +321,8 @@ def with_answer(selection: Selection, present: Effects, found: Known) -> Selecti
     if (present | selection.present) & contest.coupled:
         contest = with_floor(contest, known[present])
     new = present - set(selection.effects) - set(selection.small)
-    slight = (name for name in new if not matters(contest, known[present], name, known[present].noise))
-    small = frozenset(selection.small) & present | frozenset(slight)
+    slight = too_small(contest, known[present], new, known[present].noise)
+    small = frozenset(selection.small) & present | slight
     seen = {min(race.contenders, key=len): race for race in selection.races}
     return _selection_of(contest, selection.most, present - small, small, known, seen, frozenset(found))
 
@@ -332,8 +332,24 @@ def matters(contest: Contest, contender: Contender, name: str, noise: Noise) -> 
 
     **Arguments:** ``noise`` that counts where the table does not say it.
     """
-    m = contest.measurement
-    return not change_by(contest, contender, name) <= noise_size(m, noise if m.sigma is None else contest.floor)
+    return not change_by(contest, contender, [name]) <= _noise_that_counts(contest, noise)
+
+
+def too_small(contest: Contest, contender: Contender, names: Iterable[str], noise: Noise) -> Effects:
+    """Those of some effects that do not matter together: the smallest ones, as long as the prediction without all of
+    them differs by less than the noise. **Arguments:** as for `matters`.
+    """
+    least, slight = _noise_that_counts(contest, noise), NOTHING
+    alone = {name: change_by(contest, contender, [name]) for name in sorted(names)}
+    for name in sorted((name for name, change in alone.items() if change <= least), key=alone.__getitem__):
+        if slight and not change_by(contest, contender, slight | {name}) <= least:
+            break
+        slight |= {name}
+    return slight
+
+
+def _noise_that_counts(contest: Contest, noise: Noise) -> float:
+    return noise_size(contest.measurement, noise if contest.measurement.sigma is None else contest.floor)
 
 
 def noise_size(measurement: Measurement, noise: Noise) -> float:
@@ -344,12 +360,12 @@ def noise_size(measurement: Measurement, noise: Noise) -> float:
     return float(np.sqrt(np.sum(1.0 / weight[weight > 0.0] ** 2) / max(1, np.count_nonzero(measurement.present))))
 
 
-def change_by(contest: Contest, contender: Contender, name: str) -> float:
-    """Root mean square change of the prediction without this effect [m]; not a number where no steady motion is found
-    without it.
+def change_by(contest: Contest, contender: Contender, names: Iterable[str]) -> float:
+    """Root mean square change of the prediction without some effects [m]; not a number where no steady motion is found
+    without them.
     """
     m, best = contest.measurement, contender.best
-    without = np.where(contest.only_of([name]), 0.0, best.point)
+    without = np.where(contest.only_of(names), 0.0, best.point)
     there = predict(
         contest.space, m.conditions, without, budget=contest.budget, near=(m.conditions, best.motions)
     ).shown

@@ -112,18 +112,25 @@ class DampingError(MatrixEffect):
 
 
 class StiffnessAxes(SupportEffect):
-    """K -> R(β) K R(β)ᵀ, R the turn from x towards y."""
+    """K -> R(β) K R(β)ᵀ, C -> R(γ) C R(γ)ᵀ, R the turn from x towards y: γ = 0 where the dampers stay, γ = β where the
+    support is turned as a whole.
+    """
 
     name: ClassVar[str] = "stiffness_axes"
     family: ClassVar[Family] = "structure"
-    meaning: ClassVar[str] = "principal axes of the support turned against x and y"
+    meaning: ClassVar[str] = "principal axes of the support, of stiffness and of damping, turned against x and y"
     source: ClassVar[str] = "Genta, Dynamics of Rotating Systems, Springer 2005, section 6.2"
     relatives: ClassVar[tuple[str, ...]] = ("probe_angle",)
-    angle_rad: Array = parameter("turn from x towards y", scale=0.2)
+    angle_rad: Array = parameter("turn of the stiffness β from x towards y", scale=0.2)
+    damping_angle_rad: Array = parameter("turn of the damping γ from x towards y", scale=0.2)
     starts: ClassVar[tuple[dict[str, float], ...]] = ({}, {"angle_rad": 3.0}, {"angle_rad": -3.0})
 
+    @classmethod
+    def forms(cls, layout: Layout, angles: Float[np.ndarray, "probe"]) -> tuple[Form, ...]:
+        return ({"angle_rad": 1.0},), ({"angle_rad": 1.0, "damping_angle_rad": 1.0},)
+
     def support(self, point: OperatingPoint) -> Support:
-        return Support(turn=self.angle_rad)
+        return Support(turn=self.angle_rad, damping_turn=self.damping_angle_rad)
 
 
 class CrossCoupling(MatrixEffect):

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 PATIENCE = 6
 """Steps in a row that may gain nothing; steps in which motions balance, as a rule."""
+STEP_LIMIT = 60
+"""Steps of a descent, and of Newton's method towards balance, at most."""
 FIRST_DAMPING = 1e-3
 """Damping λ of Levenberg-Marquardt at the start, on a Hessian of unit diagonal."""
 CONVERGED, MAX_STEPS, NOT_FINITE, CUT_OFF, LEFT_BEHIND = 0, 1, 2, 3, 4
@@ -28,7 +30,7 @@ class DescentSettings(NamedTuple):
     """How exactly a descent ends, and how it goes there."""
 
     tolerance: float
-    most_steps: int = 60
+    most_steps: int = STEP_LIMIT
     first_freedom: float = 0.1
     """Of motions in the beginning, in the largest displacement measured."""
     freedom_decay: float = 0.5

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from rotorjax.inference.descent_settings import STEP_LIMIT
 from rotorjax.inference.kernels import BALANCED_CHUNK
 from rotorjax.inference.linearised import Imbalance, Linearisation, Linearised, MotionResponse, Point
 
@@ -18,8 +19,6 @@ LENGTHS = 4
 """Lengths of a step of Newton's method that are tried, at once where few states are left, as a chunk of rows is
 evaluated all the same.
 """
-STEPS = 40
-"""Most of them."""
 
 
 def first_motions(
@@ -121,7 +120,7 @@ def _towards_balance(
     ``motions``.
     """
     found, nearest, share = motions.copy(), here.off.copy(), np.ones(len(states))
-    for _ in range(STEPS):
+    for _ in range(STEP_LIMIT):
         alive = np.flatnonzero((here.off > tight) & (share > SHORTER**LENGTHS) & np.isfinite(here.size))
         if not len(alive):
             break

@@ -264,9 +264,12 @@ class Matrices(NamedTuple):
 
 
 class Support(NamedTuple):
-    """Turn of the support's axes [rad] and the compliance in series with it per axis [m/N]."""
+    """Turn of the support's axes [rad], of its stiffness and of its damping, and the compliance in series with it per
+    axis [m/N].
+    """
 
     turn: Float[Array, ""] | float = 0.0
+    damping_turn: Float[Array, ""] | float = 0.0
     compliance: Complex[Array, "dof"] | float = 0.0
 
 

@@ -41,19 +41,23 @@ def _add(first: Any, *others: Any) -> Any:
     return functools.reduce(lambda a, b: jax.tree.map(operator.add, a, b), others, first)
 
 
-def _path_stiffness(model: Model, point: OperatingPoint, added: Matrices) -> tuple[Matrix, Vector]:
-    """K_p = (S⁻¹ + F⁻¹)⁻¹ with S = R(β) K R(β)ᵀ, and the foundation's compliance F⁻¹ per axis."""
-    straight = Matrix.diagonal(point.rotor.stiffness[0], point.rotor.stiffness[1]) + Matrix.of(added.path_stiffness)
+def _path(model: Model, point: OperatingPoint, added: Matrices) -> tuple[Matrix, Matrix, Vector]:
+    """K_p = (S⁻¹ + F⁻¹)⁻¹ with S = R(β) K R(β)ᵀ, the damping R(γ) C R(γ)ᵀ, and the foundation's compliance F⁻¹ per
+    axis.
+    """
+    rotor = point.rotor
+    straight = Matrix.diagonal(rotor.stiffness[0], rotor.stiffness[1]) + Matrix.of(added.path_stiffness)
+    damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
     effects = [e for e in model.effects if isinstance(e, SupportEffect)]
     if not effects:
-        return straight, Vector(0.0, 0.0)
+        return straight, damping, Vector(0.0, 0.0)
     support = _add(Support(), *(e.support(point) for e in effects))
     turned, compliance = straight.turned(support.turn), Vector.of(support.compliance)
     # S (1 + F⁻¹ S)⁻¹, multiplied out.
     size = 1.0 + product(turned.xx, compliance.x) + product(turned.yy, compliance.y)
     size += product(turned.determinant, product(compliance.x, compliance.y))
     across = turned.determinant * Matrix.diagonal(compliance.y, compliance.x)
-    return reciprocal(size) * (turned + across), compliance
+    return reciprocal(size) * (turned + across), damping.turned(support.damping_turn), compliance
 
 
 class Whole(NamedTuple):
@@ -73,10 +77,8 @@ class Whole(NamedTuple):
 def matrices_of(model: Model, point: OperatingPoint) -> Whole:
     """The matrices at one order, all effects that change them together."""
     added = _add(Matrices(), *(e.matrices(point) for e in model.effects if isinstance(e, MatrixEffect)))
-    path, compliance = _path_stiffness(model, point, added)
-    rotor = point.rotor
-    path_damping = Matrix.diagonal(rotor.damping[0], rotor.damping[1]) + Matrix.of(added.path_damping)
-    mass = Matrix.diagonal(rotor.mass, rotor.mass) + Matrix.of(added.mass)
+    path, path_damping, compliance = _path(model, point, added)
+    mass = Matrix.diagonal(point.rotor.mass, point.rotor.mass) + Matrix.of(added.mass)
     stiffness, damping = path + Matrix.of(added.stiffness), path_damping + Matrix.of(added.damping)
     return Whole(stiffness, damping, mass, path, path_damping, compliance)
 

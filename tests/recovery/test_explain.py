@@ -340,6 +340,19 @@ def test_what_is_below_the_noise_is_fitted_along():
     assert step_labels(found.story)[-1] == "+ residual_unbalance (with runout)"
 
 
+def test_two_effects_below_the_noise_that_are_above_it_together_are_not_both_small():
+    """Either changes the prediction by eight tenths of the noise, both together by more than all of it."""
+    size = 0.8 * 0.01e-6 * np.sqrt(2.0)
+    offset = size / many_readings({})[1].rms
+    data = many_readings(
+        {"runout": [size / np.sqrt(2.0), 0.0, 0.0, size / np.sqrt(2.0)]} | {"phase_reference_offset": [offset]}
+    )
+    found = explain(*data, only=["runout", "phase_reference_offset"], thorough=False)
+    small = [small.effect for small in found.detected_but_small]
+    assert sorted([*found.effects, *small]) == ["phase_reference_offset", "runout"]
+    assert (found.verdict, len(found.effects)) == ("explained", 1)
+
+
 @pytest.mark.campaign
 def test_what_was_small_beside_less_goes_where_it_is_no_longer_needed():
     """A turned probe stood for part of a delay until that was found; then nothing in its place is an effect either."""
@@ -460,6 +473,24 @@ def test_simpler_forms_of_an_effect_do_not_pay_for_all_its_parameters(effect: st
     found = explain(model, measurement, thorough=False)
     assert effect in names_open(found)
     assert found.verdict != "explained" or found.effects == (effect,)
+
+
+@pytest.mark.parametrize(("springs", "dampers"), [(0.3, 0.3), (0.3, 0.0)])
+def test_the_axes_of_stiffness_and_damping_are_told_apart(springs: float, dampers: float):
+    """A support turned as a whole is no other than probes, phase reference and angles of all weights turned back."""
+    machine = hidden.Machine()
+    speeds, run = tuple(np.linspace(0.8, 1.2, 9) * machine.frequency), np.repeat(np.arange(3), 9)
+    weights = {"baseline": [2e-5 + 0j], "a": [6e-5 + 0j], "b": [2e-5 + 4e-5j]}
+    plan = hidden.Plan(weights, speeds, sigma=1e-6)
+    z = hidden.measure(machine, plan, {"stiffness_axes": [springs, dampers]}, np.random.default_rng(1))
+    unbalance = np.array([[[w.real, w.imag] for w in planes] for planes in weights.values()])[run]
+    conditions = Conditions.at(np.tile(speeds, 3), unbalance=unbalance)
+    measurement = Measurement.from_arrays(z, conditions, run=run, runs=tuple(weights), sigma=1e-6)
+    found = explain(Model(Jeffcott(machine.mass, machine.stiffness, machine.ratio)), measurement, thorough=False)
+    assert (found.verdict, found.effects) == ("explained", ("stiffness_axes",))
+    for label, true in (("angle_rad", springs), ("damping_angle_rad", dampers)):
+        estimate = found.story.fits[-1].estimate("stiffness_axes", label)
+        assert abs(estimate.value - true) < 3.0 * estimate.standard_error
 
 
 def test_limit_on_the_number_of_effects_is_kept_and_named():
