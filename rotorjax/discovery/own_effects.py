@@ -46,7 +46,7 @@ ABSENT: dict[type[Effect], tuple[str, Any]] = {
 PER_PROBE = {"direction", "runout", "gain"}
 COMPLEX = {"compliance", "force", "offset", "runout", "gain"}
 """What may be complex of that which hooks return at an operating point."""
-SINGLE = {"delay", "phase", "turn"}
+SINGLE = {"delay", "phase", "turn", "damping_turn"}
 SHARE = 1e-9
 """Of what an effect does at its prior scales, what may be left at zero by rounding."""
 

@@ -264,13 +264,13 @@ class Matrices(NamedTuple):
 
 
 class Support(NamedTuple):
-    """Turn of the support's axes [rad], of its stiffness and of its damping, and the compliance in series with it per
-    axis [m/N].
+    """Turn of the axes of the support's stiffness [rad], the compliance in series with it per axis [m/N], and the turn
+    of the axes of its damping [rad].
     """
 
     turn: Float[Array, ""] | float = 0.0
-    damping_turn: Float[Array, ""] | float = 0.0
     compliance: Complex[Array, "dof"] | float = 0.0
+    damping_turn: Float[Array, ""] | float = 0.0
 
 
 class Excitation(NamedTuple):
