@@ -44,7 +44,8 @@ from rotorjax.units import MICROMETRE
 
 MOST_SEPARATED = 4
 """Ties of which readings are looked for that would settle them."""
-
+MIRRORED = 1.1
+"""Misfit of the effects found in a mirror, in what they left there, up to which they are those of the rotor itself."""
 LINEARISATIONS = 750_000
 """Single cases that an explanation may linearise; of tables with many cases `OF_ONE_CASE` each."""
 OF_ONE_CASE = 10_000
@@ -104,7 +105,7 @@ def explain(  # noqa: PLR0913
     candidates, kinds = _candidates(catalog, only, exclude, mistakes is not False)
     allowed = limit or max(LINEARISATIONS, OF_ONE_CASE * len(measurement.run))
     told = ProgressReporter(progress, allowed)
-    told.budget.reserve(FOR_THE_FORCE if thorough else 0)
+    told.budget.reserve(FOR_THE_FORCE if thorough else FOR_THE_STEPS)
     asked = _Asked(candidates, kinds, max_effects, catalog, mistakes is True, thorough)
     found = _explained(full, measurement, asked, told)
     return found if known is None else found.since(known)
@@ -173,11 +174,15 @@ def _as_done(
     # to, and without those.
     model = reversed_rotation(model) if mistake.in_mirror else right
     own = make_contest(model, measurement, candidates, catalog, contest.budget)
-    if selection.effects and not mistake.in_mirror:
-        effects, end = frozenset(selection.effects), selection.known[selection.present].best
-        point = np.where(own.free(effects), end.point, own.space.given_unknowns())
-        begun = begin_beside(own, effects, end._replace(point=point, exact=False), progress=progress)
-        return model, select(begun, selection.most, progress=progress)
+    if selection.effects:
+        effects, near = frozenset(selection.effects), None
+        if not mistake.in_mirror:
+            end = selection.known[selection.present].best
+            point = np.where(own.free(effects), end.point, own.space.given_unknowns())
+            near = end._replace(point=point, exact=False)
+        begun = begin_beside(own, effects, near, progress=progress)
+        if near is not None or begun.noise.allowance <= MIRRORED * answer.misfit:
+            return model, select(begun, selection.most, progress=progress)
     begun = begin(own, progress=progress)
     if measurement.sigma is not None and (linear := as_stated(own)).may_hold:
         begun = with_set(begun, selection.most, {linear.beside: linear.end})

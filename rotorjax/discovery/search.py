@@ -127,12 +127,16 @@ def with_set(
     return begun._replace(contest=contest, known=known, noise=noise, found=needed)
 
 
-def begin_beside(contest: Contest, effects: Effects, near: End, *, progress: Progress = lambda _: None) -> SearchStart:
-    """What `select` goes on from where effects were found under slightly different conditions, less those not needed
-    here. **Arguments:** ``near``: where they ended there.
+def begin_beside(
+    contest: Contest, effects: Effects, near: End | None, *, progress: Progress = lambda _: None
+) -> SearchStart:
+    """What `select` goes on from where effects were found under other conditions, less those not needed here.
+    **Arguments:** ``near``: where they ended there, if that is near where they end here.
     """
     progress(_beside(effects))
-    table: Known = {effects: Contender(effects, (near,), -math.inf, NO_NOISE, foreseen=True)}
+    table: Known = {}
+    if near is not None:
+        table[effects] = Contender(effects, (near,), -math.inf, NO_NOISE, foreseen=True)
     there = settle(contest, [effects], table, wide_noise(contest.measurement))
     table.update(there.contenders)
     needed, noise = _pruned(contest, effects, NOTHING, table, there.noise)

@@ -50,15 +50,16 @@ class Budget:
 
     @contextlib.contextmanager
     def ahead(self, most: int) -> Iterator[None]:
-        """While it is open, up to ``most`` of what is reserved may be spent before it is released."""
-        lent = min(most, self._reserved)
-        if self.limit is not None:
-            self.limit += lent
+        """While it is open, up to ``most`` of what is reserved may be spent before it is released, however far beyond
+        the limit the last step led.
+        """
+        limit = self.limit
+        if limit is not None:
+            self.limit = max(limit, self.spent) + min(most, self._reserved)
         try:
             yield
         finally:
-            if self.limit is not None:
-                self.limit -= lent
+            self.limit = limit
 
     @contextlib.contextmanager
     def share(self, most: float | int) -> Iterator[None]:

@@ -124,7 +124,7 @@ def no_mistake(rig, rows):
     return rig, rows
 
 
-def explained(folder, mistake, mistakes):
+def explained(folder, mistake, mistakes, **asked):
     """The example with a mistake made in its files."""
     write_example(folder)
     with (folder / "measurement.csv").open(encoding="utf-8", newline="") as file:
@@ -136,7 +136,8 @@ def explained(folder, mistake, mistakes):
         table.writeheader()
         table.writerows(rows)
     rig = read_rig(folder / "rig.toml")
-    return explain(rig.model, read_measurement(folder / "measurement.csv", rig), mistakes=mistakes, thorough=False)
+    measurement = read_measurement(folder / "measurement.csv", rig)
+    return explain(rig.model, measurement, mistakes=mistakes, thorough=False, **asked)
 
 
 CAMPAIGN = pytest.mark.campaign
@@ -175,6 +176,12 @@ def test_a_reversed_probe_and_a_reversed_rotation_tie(tmp_path, mistake):
     assert found.verdict == "undecided"
     named = {found.named, *(other.named for other in found.written.tied)}
     assert {("rotation_reversed", *EFFECTS), ("probe_reversed.Y", *EFFECTS)} <= named
+
+
+def test_effects_beside_a_reversed_rotation_are_kept_where_the_limit_ends_the_search(tmp_path):
+    """They are found in a mirror, and then sought in the rotor itself."""
+    found = explained(tmp_path, reversed_rotation, mistakes=None, only=(*EFFECTS, "rotation_reversed"), limit=6000)
+    assert (found.verdict, found.named) == ("undecided", ("rotation_reversed", *EFFECTS))
 
 
 def test_a_weight_on_the_opposite_side_is_no_participation_of_its_plane():

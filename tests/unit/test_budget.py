@@ -34,6 +34,15 @@ def test_a_part_of_what_is_reserved_is_spent_ahead():
     assert (budget.limit, budget.left) == (1000, 60)
 
 
+def test_what_is_spent_ahead_begins_where_the_last_step_ended_beyond_the_limit():
+    budget = Budget(1000)
+    budget.reserve(100)
+    budget.spend(930)
+    with budget.ahead(60):
+        assert budget.left == 60
+    assert budget.limit == 900
+
+
 @pytest.mark.parametrize("most", [300, 5000])
 def test_a_share_is_no_more_than_what_is_left(most):
     budget = Budget(1000)
