@@ -51,7 +51,8 @@ def test_all_effects_of_the_catalogue_are_hidden_with_its_labels(rng):
     assert {*EFFECTS, "sweep_rate", "speed_dependent_damping", "speed_dependent_cross_coupling"} == set(CATALOG)
     for name in EFFECTS:
         labels = {label for p in CATALOG[name].parameters() for label in p.labels(layout)}
-        assert set(hide.effect(name, rng, SCALE, DOWN).values) == labels, name
+        # How far the damping at the disk turns with the springs of the journals is not drawn: it follows.
+        assert set(hide.effect(name, rng, SCALE, DOWN).values) == labels - {"damping_angle_rad"}, name
 
 
 def test_a_case_is_drawn_alike_twice_at_the_improvement_stated():
